@@ -388,6 +388,11 @@ class MujocoSim:
         feet = np.concatenate([points[:, :, 2, :2], yaw[..., None]], -1)  # [n, 2, 3]
         return Motion(torso, seen[..., 8:20], seen[:, -1, 23:26], feet, down | lost)
 
+    def idle(self, ticks):
+        """Nothing but physics of all robots for some control ticks: what a benchmark compares."""
+        control = np.tile(self._target[:, None], (1, ticks * self._substeps, 1))
+        self._pool.rollout(self.model, self._data, self._state, control)
+
     def torque(self):
         """Torque of every motor now, [N, 12] [N m]."""
         limit = np.tile(self.robot.torque_limit, 2)
@@ -596,6 +601,12 @@ class PlanarRobots:
         foot_x = foot[..., 0] - (cos * cx - sin * cz) - x[:, -1, None]  # ankle ahead of the torso
         return torso, self.joint_angles(seen[:, 1:]), spin, foot_x, down | lost
 
+    def idle(self, ticks):
+        """Nothing but physics for some control ticks, motors held."""
+        for space in self.spaces:
+            for _ in range(ticks * round(self.robot.control_dt / self.robot.physics_dt)):
+                space.step(self.robot.physics_dt)
+
     def torque(self):
         """Size of the motors' torque in the last physics step, [n, 6] [N m]."""
         return np.array([[abs(m.impulse) for m in ms] for ms in self.motors]) / self.robot.physics_dt
@@ -660,8 +671,8 @@ class PymunkSim:
     def _call(self, method, robots=None, *arrays):
         """Call a method in every worker that has some of these robots; returns (rows, result)s."""
         if self._local is not None:
-            arguments = () if robots is None else (robots,)
-            return [(slice(None), getattr(self._local, method)(*arguments, *arrays))]
+            arguments = arrays if robots is None else (robots, *arrays)
+            return [(slice(None), getattr(self._local, method)(*arguments))]
         asked = []
         for w, pipe in enumerate(self._pipes):
             if robots is None:
@@ -703,6 +714,10 @@ class PymunkSim:
             [pose[..., 0] + cos * foot_x - sin * side, pose[..., 1] + sin * foot_x + cos * side,
              pose[..., 2] + feet[..., 3] - last[:, None, 5]], -1)  # fmt: skip
         return Motion(torso, joints, spin, world, fell)
+
+    def idle(self, ticks):
+        """Nothing but physics of all robots for some control ticks: what a benchmark compares."""
+        self._call("idle", None, ticks)
 
     def torque(self):
         """Size of the torque of every motor in the last physics step, [N, 12] [N m]."""

@@ -357,3 +357,148 @@ class FootstepEnv(gym.Env):
 
 
 gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=FootstepVectorEnv)
+
+
+# ---------------------------------------------------------------------------- demonstration
+
+
+def hand_written(world, robots):
+    """A planner to compare with: turn towards the goal, walk, turn to its orientation.
+
+    It takes half of what the limits allow and knows nothing about dynamics. Actions [n, 6].
+    """
+    goal = world.measure(robots)
+    d, alpha, beta = polar(goal)
+    turn = np.where(d > 0.5, beta, alpha)  # [n] where to look
+    low, high = np.array(world.limits.low) / 2, np.array(world.limits.high) / 2
+    footsteps = np.zeros((len(robots), 2, 3))
+    # Two steps share the way forward; sideways only the leading foot steps outward.
+    footsteps[:, :, 0] = np.clip(goal[:, 0] / 2, low[0], high[0])[:, None]
+    footsteps[:, 0, 1] = np.clip(goal[:, 1], 0, high[1])
+    footsteps[:, 1, 1] = np.clip(-goal[:, 1], 0, high[1])
+    footsteps[:, :, 2] = np.clip(turn / 2, low[2], -low[2])[:, None] * walk_engine.MIRROR[:, 2]
+    return to_action(footsteps, world.limits)
+
+
+def episodes(world, planner, rngs):
+    """One episode of every robot; planner(world, robots) -> actions [n, 6].
+
+    Returns the outcome of each ("success", "fall", "timeout"), its time [s], and the reward terms
+    of robot 0 as a list of dicts.
+    """
+    count = len(rngs)
+    world.reset(np.arange(count), rngs)
+    outcome, seconds, terms = np.full(count, "        "), np.zeros(count), []
+    active = np.arange(count)
+    while len(active):
+        result = world.step(planner(world, active), active)
+        if active[0] == 0:
+            terms.append({name: value[0] for name, value in result["reward_terms"].items()})
+        for name in ("success", "fall", "timeout"):
+            outcome[active[result[name]]] = name
+        seconds[active] = result["time"]
+        active = active[~(result["success"] | result["fall"] | result["timeout"])]
+    return outcome, seconds, terms
+
+
+def plot_terms(terms, path, title):
+    """Reward terms of one episode, per double step and added up."""
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    steps = np.arange(1, len(terms) + 1)
+    for name in terms[0]:
+        values = np.array([row[name] for row in terms])
+        axes[0].plot(steps, values, ".-", label=name)
+        axes[1].plot(steps, np.cumsum(values), label=name)
+    total = np.cumsum([sum(row.values()) for row in terms])
+    axes[1].plot(steps, total, "k", lw=2, label="all")
+    axes[0].set(title="reward terms", xlabel="double step", ylabel="reward [-]")
+    axes[1].set(title="their sums so far", xlabel="double step", ylabel="sum of rewards [-]")
+    axes[1].legend(ncols=2, fontsize=8)
+    for axis in axes:
+        axis.grid(alpha=0.3)
+    figure.suptitle(title)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def bare_physics(world, rounds):
+    """Double steps per second of the simulator alone: targets held, no plan, nothing measured."""
+    sim, count = world.sim, len(world.pose)
+    world.sim.reset(np.arange(count))
+    ticks = 2 * world.engine.half_ticks
+    clock = time.perf_counter()
+    for _ in range(rounds):
+        sim.idle(ticks)
+    return count * rounds / (time.perf_counter() - clock)
+
+
+def benchmark(sim):
+    """Prints double steps per second of the environment and of bare physics, 1 to 256 robots."""
+    print(f"{'robots':>6s} {'environment':>12s} {'bare physics':>13s} {'ratio':>6s} {'planning':>9s}"
+          f"   [double steps/s; share of the time]")  # fmt: skip
+    for count in (1, 4, 16, 64, 256):
+        env = FootstepVectorEnv(count, sim)
+        env.reset(seed=0)
+        action = np.tile(env.neutral_action, (count, 1))
+        rounds = max(4, 512 // count)
+        env.step(action)
+        env.world.seconds["planning"] = 0.0
+        clock = time.perf_counter()
+        for _ in range(rounds):
+            env.step(action)
+        took = time.perf_counter() - clock
+        planning = env.world.seconds["planning"] / took
+        bare = bare_physics(env.world, rounds)
+        speed = count * rounds / took
+        print(f"{count:6d} {speed:12.0f} {bare:13.0f} {speed / bare:6.2f} {planning:9.2f}")
+        env.close()
+
+
+def main():
+    """See the head of this file."""
+    parser = robot_model.stage_parser(__doc__)
+    parser.add_argument("--imu", action="store_true", help="tilt and angular velocity observed too")
+    parser.add_argument("--benchmark", action="store_true", help="measure the speed")
+    args, out = robot_model.parse_stage(parser)
+    if args.benchmark:
+        benchmark(args.sim)
+        return
+    print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
+    for name, unit, low, high in observation_table(args.imu):
+        print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
+    count = 64
+    world = FootstepWorld(count, args.sim, imu=args.imu)
+    limits = world.limits
+    print(f"\n{'action':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}   (outward is positive)")
+    for i, name in enumerate(ACTION_NAMES):
+        unit = "rad" if name.endswith("yaw") else "m"
+        print(f"{name:32s} {unit:>22s} {limits.low[i % 3]:7.2f} {limits.high[i % 3]:7.2f}")
+
+    dice = stream("training", args.seed, 0)
+    planners = {
+        "random": lambda world, robots: dice.random((len(robots), 6)),
+        "hand-written": hand_written,
+    }
+    print(f"\n{count} goals {'success':>14s} {'fall':>8s} {'timeout':>8s} {'time of success [s]':>20s}")
+    clock = time.perf_counter()
+    steps = 0
+    for title, planner in planners.items():
+        rngs = [stream("training", args.seed, 1 + i) for i in range(count)]
+        outcome, seconds, terms = episodes(world, planner, rngs)
+        steps += int(np.sum(seconds / world.engine.period))
+        good = seconds[outcome == "success"]
+        shares = [np.mean(outcome == name) for name in ("success", "fall", "timeout")]
+        print(f"{title:13s} {shares[0]:9.2f} {shares[1]:8.2f} {shares[2]:8.2f} "
+              f"{good.mean() if len(good) else math.nan:20.1f}")  # fmt: skip
+    took = time.perf_counter() - clock
+    plot_terms(terms, out / "03_rewards.png", f"One episode of the hand-written planner ({args.sim})")
+    world.close()
+    print(f"\n{steps / took:.0f} double steps per second; of the time: " + ", ".join(
+        f"{name} {100 * s / took:.0f} %" for name, s in world.seconds.items()))  # fmt: skip
+    print("Look at", out / "03_rewards.png")
+
+
+if __name__ == "__main__":
+    main()

@@ -575,14 +575,15 @@ def plot_learning_curve(rows, path, title):
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
     figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), layout="constrained")
     known = [p for p in PANELS if np.isfinite([row[p[2][0]] for row in rows]).any()]
-    for axes, (name, label, columns) in zip(grid.flat, known):
+    for axes, (name, unit, columns) in zip(grid.flat, known):
         for column in columns:
             color = {"success": "tab:green", "timeout": "tab:gray", "fall": "tab:red"}.get(column)
             mean = [recent_mean(rows[: i + 1], column) for i in range(len(rows))]
-            line, = axes.plot(steps, mean, color=color, label=column.replace("_", " ").replace("kl", "KL"))
+            label = column.replace("_", " ").replace("kl", "KL")
+            line, = axes.plot(steps, mean, color=color, label=label)
             axes.plot(steps, [row[column] for row in rows], ".", color=line.get_color(),
                       alpha=0.3, markersize=3)
-        axes.set(title=name, ylabel=label, xlabel="steps of all robots together [thousands]")
+        axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]")
         axes.grid(alpha=0.3)
         if "explained_variance" in columns:
             axes.set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10

@@ -138,9 +138,7 @@ def wilson(count, total, z=1.96):
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
-    # Exactly 0 at count = 0 and 1 at count = total, whatever rounding says.
-    low, high = max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)
-    return [0.0 if count == 0 else low, 1.0 if count == total else high]
+    return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
 
 def time_ratio(trials, reference, resamples=2000):
@@ -149,7 +147,7 @@ def time_ratio(trials, reference, resamples=2000):
     Returns the ratio, its 95 % interval (None without such a goal) and their number.
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
-    ours, theirs = trials["time"][both], reference["time"][both]  # [m] each
+    ours, theirs = trials["time"][both], reference["time"][both]  # [m] goals each
     if not both.any():
         return None, None, 0
     # Paired bootstrap: draw goals, not times, again and again; a far goal is far for both.
@@ -223,11 +221,11 @@ def load_planner(path, sim):
 
 
 # ---------------------------------------------------------------- trials
-def evaluate(planner, world, goals, seed=0, noise=False, watch=lambda robots, result: None):
+def evaluate(planner, world, goals, seed=0, noise=False, watch=None, bar=None):
     """Walk robot i to goals[i] [n, 3], all at the same time, until each trial has ended.
 
     Returns arrays [n]: outcome, time [s], steps, stays_up (still standing after two more double
-    steps in place). `watch` sees the robots and the result of every `world.step`.
+    steps in place). watch(robots, result) is called after every `world.step`; bar: tqdm.
     """
     n = len(goals)
     everybody = np.arange(n)
@@ -246,8 +244,12 @@ def evaluate(planner, world, goals, seed=0, noise=False, watch=lambda robots, re
         result = world.step(actions, active)
         for name in OUTCOMES:  # judged by the simulator's pose, never by the commanded one
             outcome[active[result[name]]] = name
-        watch(active, result)
-        active = active[outcome[active] == "running"]
+        if watch:
+            watch(active, result)
+        remaining = active[outcome[active] == "running"]
+        if bar:
+            bar.update(len(active) - len(remaining))
+        active = remaining
     steps = world.steps[:n].copy()
     up = np.flatnonzero(outcome == "success")
     for _ in range(2):  # does it stand at the goal, or was it only falling past it?
@@ -384,7 +386,7 @@ def write_trials(path, goals, trials):
 FEET = (("left footstep", "tab:green"), ("right footstep", "tab:red"))
 
 
-def arrows(axes, poses, color, length=0.09, width=0.014, **kw):
+def arrows(axes, poses, color, length=0.08, width=0.012, **kw):
     """Poses [n, 3] as arrows [m] that begin at x, y and point along yaw."""
     x, y, yaw = np.transpose(poses)
     axes.quiver(x, y, length * np.cos(yaw), length * np.sin(yaw), color=color, angles="xy",
@@ -399,13 +401,13 @@ def draw_walk(axes, walk, ticks=None):
     goal, start = walk["goal"], np.zeros(3)
     axes.add_patch(plt.Circle(goal[:2], env.Task().success_m, color="tab:blue", alpha=0.3, lw=0))
     for pose, marker in ((start, "o"), (goal, "*")):
-        axes.plot(*pose[:2], marker, color="tab:blue", markersize=9, zorder=4)
-        arrows(axes, [pose], "tab:blue", 0.2, 0.022, zorder=4)
+        axes.plot(*pose[:2], marker, color="tab:blue", markersize=8, zorder=5)
+        arrows(axes, [pose], "tab:blue", 0.2, 0.022, zorder=5)
     for side, (_, color) in enumerate(FEET):
         feet = walk["feet"][: ticks // per_step, side]  # [k, 3] where each foot stood, measured
         if len(feet):
             arrows(axes, feet, color, zorder=3)
-    axes.plot(*np.vstack([start[:2], walk["torso"][:ticks, :2]]).T, color="black", lw=1, zorder=5)
+    axes.plot(*np.vstack([start[:2], walk["torso"][:ticks, :2]]).T, color="black", lw=1, zorder=4)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.3)
 
@@ -423,8 +425,9 @@ def plot_footsteps(columns, path):
     for panel, (name, walks) in zip(axes[0], columns):
         for number, walk in enumerate(walks, 1):
             draw_walk(panel, walk)
-            panel.annotate(f" goal {number}", walk["goal"][:2], xytext=(0, -16),
-                           textcoords="offset points", color="tab:blue")
+            x, y, yaw = walk["goal"]  # its name stands where its arrow points
+            panel.text(x + 0.28 * np.cos(yaw), y + 0.28 * np.sin(yaw), f"goal {number}",
+                       color="tab:blue", ha="center", va="center")
         low = np.minimum(0, np.min([walk["goal"][:2] for walk in walks], 0)) - 0.45  # [2]
         high = np.maximum(0, np.max([walk["goal"][:2] for walk in walks], 0)) + 0.45
         panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -448,7 +451,8 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
     beside = torso * [0, 0, 1, 1, 1, 0]
     legs, _ = robot_model.body_points(robot, beside, walk["joints"][: len(torso)])  # [M, 2, 5, 3]
     depth, _, tall = robot.torso_box
-    box = np.array([[-1, 0], [1, 0], [1, 1], [-1, 1]]) * [depth / 2, tall]  # [4, 2] x, z
+    x0, z0 = depth / 2, robot.hip_z  # [m] the box is drawn down to the hips
+    box = np.array([[-x0, z0], [x0, z0], [x0, tall], [-x0, tall]])  # [4, 2] x, z
     # How far the ground has moved past: the steps of the torso along its own heading.
     way = np.diff(torso[:, :2], axis=0, prepend=0)  # [M, 2]
     walked = np.cumsum(np.cos(torso[:, 5]) * way[:, 0] + np.sin(torso[:, 5]) * way[:, 1])  # [M]
@@ -474,7 +478,7 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
         last = tick + 1 == len(walk["torso"])
         side.set_title(ending(walk) if last else f"{(tick + 1) * dt:.1f} s")
         draw_walk(top, walk, tick + 1)
-        top.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+        top.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), title="from above")
 
     frames = [*range(0, len(torso) - 1, every), *[len(torso) - 1] * 15]  # the end stays a while
     temporary = path.with_name(path.stem + ".tmp.gif")  # Pillow wants the ending .gif
@@ -522,11 +526,6 @@ def choose_planners(sim, chosen=None):
     return planners, about
 
 
-def count_ended(bar):
-    """A `watch` for `evaluate` that moves the progress bar on by the trials that ended."""
-    return lambda _, result: bar.update(int(sum(result[name].sum() for name in OUTCOMES)))
-
-
 def tune_baseline(world, goals, args, out, sim):
     """All combinations of FACTORS and TURNING_GAINS; keeps the fastest one that is safe enough."""
     grid, kept = [], ("success", "success_ci95", "timeout", "fall", "time_mean", "time_std")
@@ -535,7 +534,7 @@ def tune_baseline(world, goals, args, out, sim):
         for factor, gain in combinations:
             bar.set_postfix(factor=factor, turning_gain=gain)
             planner = BaselinePlanner(BaselineSettings().tuned(factor, gain))
-            trials = evaluate(planner, world, goals, args.seed, watch=count_ended(bar))
+            trials = evaluate(planner, world, goals, args.seed, bar=bar)
             row = summary("baseline_tuned", False, trials, world.task)
             grid.append({"factor": factor, "turning_gain": gain, **{key: row[key] for key in kept}})
     safe = [row for row in grid if row["success"] >= TUNED_SUCCESS]
@@ -552,14 +551,14 @@ def tune_baseline(world, goals, args, out, sim):
 def run(world, goals, planners, about, args, out, sim):
     """Every planner, without and with noise; then the files."""
     for name, facts in about.items():
-        print(f"{name}:", ", ".join(f"{key} {value}" for key, value in facts.items()))
+        short = {k: round(v, 2) if isinstance(v, float) else v for k, v in facts.items()}
+        print(f"{name}:", ", ".join(f"{key} {value}" for key, value in short.items()))
     settings = [(name, noise) for noise in (False, True)[: 1 + args.noise] for name in planners]
     trials = {}
     with tqdm(total=len(settings) * len(goals), unit=" trials", dynamic_ncols=True) as bar:
         for name, noise in settings:
             bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
-            trials[name, noise] = evaluate(planners[name], world, goals, args.seed, noise,
-                                           watch=count_ended(bar))
+            trials[name, noise] = evaluate(planners[name], world, goals, args.seed, noise, bar=bar)
     rows = [summary(name, noise, t, world.task) for (name, noise), t in trials.items()]
     ratios = compare(trials)
     write_json(out / "evaluation.json", {
