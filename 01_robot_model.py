@@ -147,8 +147,8 @@ def rotation(roll, pitch, yaw):
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
 
-    Returns points [..., 5, 3]: hip, knee, ankle, heel, toe [m], and the foot's rotation [..., 3, 3]:
-    foot = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)
+    Returns points [..., 5, 3]: hip, knee, ankle, heel, toe [m], and the foot's rotation
+    [..., 3, 3] = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)
     zero = np.zeros_like(yaw)
@@ -307,7 +307,8 @@ def mjcf(robot):
     half = [size / 2 for size in robot.torso_box]
     return f"""
     <mujoco>
-      <option timestep="{robot.physics_dt}" integrator="implicitfast" gravity="0 0 {-robot.gravity}"/>
+      <option timestep="{robot.physics_dt}" integrator="implicitfast"
+        gravity="0 0 {-robot.gravity}"/>
       <default><geom contype="0" conaffinity="0"/></default>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>
@@ -552,7 +553,8 @@ class PlanarRobots:
         for t in range(ticks):
             # A motor that only followed the error would lag: add the target's own rate.
             error = joints[:, t] - self.joint_angles(seen[:, t])
-            rate = np.clip(feed_forward[:, t] + robot.planar_gain * error, -speed_limit, speed_limit)
+            rate = feed_forward[:, t] + robot.planar_gain * error
+            rate = np.clip(rate, -speed_limit, speed_limit)
             for i, rates in zip(robots, rate.tolist()):
                 if not self.lost[i]:
                     for motor, value in zip(self.motors[i], rates):
@@ -609,7 +611,8 @@ class PlanarRobots:
 
     def torque(self):
         """Size of the motors' torque in the last physics step, [n, 6] [N m]."""
-        return np.array([[abs(m.impulse) for m in ms] for ms in self.motors]) / self.robot.physics_dt
+        impulse = [[abs(motor.impulse) for motor in motors] for motors in self.motors]
+        return np.array(impulse) / self.robot.physics_dt
 
     def separation(self):
         """Largest gap now between the two bodies of a joint, over all robots [m]."""
@@ -702,8 +705,8 @@ class PymunkSim:
         spin, foot_x, fell = np.empty((n, 3)), np.empty((n, 2)), np.empty(n, bool)
         sagittal = trajectory.joints[..., SAGITTAL]
         for rows, result in self._call("run", robots, sagittal, step[..., 2], side):
-            torso[rows], joints_seen, spin[rows], foot_x[rows], fell[rows] = result
-            joints[np.arange(n)[rows][:, None, None], np.arange(ticks)[:, None], SAGITTAL] = joints_seen
+            torso[rows], seen, spin[rows], foot_x[rows], fell[rows] = result
+            joints[np.ix_(np.arange(n)[rows], np.arange(ticks), SAGITTAL)] = seen
         # Feet: measured forward, as commanded sideways and in yaw, beside the measured torso.
         last, feet = trunk[:, -1], trajectory.feet[:, -1]  # [n, 6], [n, 2, 4]
         away = feet[..., :2] - last[:, None, :2]
@@ -824,7 +827,8 @@ def main():
     speed = count * seconds / (time.perf_counter() - clock)
     wanted = standing_torso(robot, joints)
     sag = 1000 * (wanted[2] - stood.torso[0, -1, 2])
-    print(f"{count} robots stood for {seconds:.0f} s: {stood.fell.sum()} fell; torso sag {sag:.1f} mm,")
+    print(f"{count} robots stood for {seconds:.0f} s: {stood.fell.sum()} fell; "
+          f"torso sag {sag:.1f} mm,")  # fmt: skip
     print("  torques of the left leg [N m]: " + ", ".join(
         f"{name} {torque:.1f}" for name, torque in zip(JOINTS, sim.torque()[0])))  # fmt: skip
     print(f"  {speed:.0f} seconds of one robot simulated per second on {os.cpu_count()} cores")
@@ -859,7 +863,8 @@ def draw_robot(axis, robot, torso, joints, alpha=1.0):
     depth, _, height = robot.torso_box
     box = np.array([[-depth, 0], [depth, 0], [depth, 2 * height], [-depth, 2 * height]]) / 2
     cos, sin = np.cos(torso[4]), np.sin(torso[4])
-    x, z = torso[0] + cos * box[:, 0] + sin * box[:, 1], torso[2] - sin * box[:, 0] + cos * box[:, 1]
+    x = torso[0] + cos * box[:, 0] + sin * box[:, 1]
+    z = torso[2] - sin * box[:, 0] + cos * box[:, 1]
     axis.fill(x, z, color="0.75", alpha=alpha, zorder=1)
     for leg, color in ((RIGHT, "tab:red"), (LEFT, "tab:green")):
         x, z = points[leg, [0, 1, 2, 3, 4, 2], 0], points[leg, [0, 1, 2, 3, 4, 2], 2]

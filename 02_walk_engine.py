@@ -5,7 +5,7 @@ analytic inverse kinematics, open loop within a double step; parameters found by
 
     python 02_walk_engine.py             figures of one plan and of the walked path; half a minute
     python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method)
-    python 02_walk_engine.py --limits    verify the step limits: sweeps of step size and of its change
+    python 02_walk_engine.py --limits    verify the step limits: maps of the share of falls
 
 (all with `--mujoco` in 3-D). Writes `runs/<sim>/02_*.png`, prints commanded and walked distance.
 
@@ -16,13 +16,9 @@ so that outward is positive for both. The left foot swings first, then the right
 Left out: stepping on stairs, stabilising within a step (the engine is blind while it walks).
 """
 
-import argparse
-import json
 import math
-import sys
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 
@@ -253,7 +249,8 @@ class WalkEngine:
         swing = self.half - wait  # [s]
         t = np.clip(time - wait, 0, swing)  # [K]
         rest = np.zeros_like(start)
-        path = quintic(np.stack([start, rest, rest], -1), np.stack([landing, rest, rest], -1), swing)
+        begin, end = (np.stack([pose, rest, rest], -1) for pose in (start, landing))
+        path = quintic(begin, end, swing)  # [n, 3, 6]
         foot = np.zeros((len(start), len(time), 4))
         foot[..., [0, 1, 3]] = polynomial(path, t).swapaxes(1, 2)
         up = quintic([0, 0, 0], [self.parameters.foot_rise, 0, 0], swing / 2)  # [6]
@@ -265,7 +262,7 @@ class WalkEngine:
         moved = state.copy()
         moved[:, :2, 0] -= base[:, :2]
         moved[:, 2, 0] -= base[:, 2]
-        x, y = state_xy = np.moveaxis(moved[:, :2], 1, 0)  # each [n, 3]
+        x, y = np.moveaxis(moved[:, :2], 1, 0)  # each [n, 3]
         cos, sin = np.cos(base[:, 2, None]), np.sin(base[:, 2, None])
         moved[:, 0], moved[:, 1] = cos * x + sin * y, -sin * x + cos * y
         return moved
@@ -352,7 +349,7 @@ def highest_speed(poses, fall, period):
 
 
 def score(name, parameters, limits, robot=robot_model.RobotModel()):
-    """What tuning maximises: Σ √(speed / good speed) over directions + share of random steps stood.
+    """What tuning maximises: mean of √(speed / good speed) + 2 · share of random steps stood.
 
     The root makes a slow direction count more than a fast one.
     """
@@ -369,8 +366,10 @@ def score(name, parameters, limits, robot=robot_model.RobotModel()):
 
 
 def tune(name, seed, iterations=15, population=32, elite=8):
-    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them. [5] used a
-    tree-structured Parzen estimator for the same question. Returns WalkParameters."""
+    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
+
+    [5] used a tree-structured Parzen estimator for the same question. Returns WalkParameters.
+    """
     robot = robot_model.RobotModel()
     names = [k for k in SEARCH if not (robot_model.SIMULATORS[name].planar and k in PLANAR_FIXED)]
     low, high = np.array([SEARCH[k] for k in names]).T
@@ -470,7 +469,8 @@ def plot_walk(name, path):
     figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
     print(f"{'walk':12s} {'commanded x, y, yaw':>26s} {'walked x, y, yaw':>26s}   fell")
     for i, title in enumerate(walks):
-        wish = np.array([commanded(parameters, plans[i : i + 1, :k])[0] for k in range(1, count + 1)])
+        steps = plans[i : i + 1]
+        wish = np.array([commanded(parameters, steps[:, : k + 1])[0] for k in range(count)])
         line = axis.plot(poses[i, :, 0], poses[i, :, 1], ".-", label=title)
         axis.plot(wish[:, 0], wish[:, 1], "x", color=line[0].get_color())
         texts = [f"{p[0]:7.2f} m {p[1]:6.2f} m {p[2]:5.2f} rad" for p in (wish[-1], poses[i, -1])]
@@ -507,9 +507,11 @@ def plot_limits(name, path):
         inside = (x >= limits.low[0] - 1e-9) & (x <= limits.high[0] + 1e-9)
         rows = (second >= low - 1e-9) & (second <= high + 1e-9)
         share = falls[np.ix_(rows, inside)].mean()
-        print(f"{title:22s}: {share:.2f} of the walks inside the limits fall, {falls.mean():.2f} of all")
-        width = limits.high[0] - limits.low[0]
-        axis.add_patch(plt.Rectangle((limits.low[0], low), width, high - low, fill=False, ec="tab:cyan", lw=2))
+        print(f"{title:22s}: {share:.2f} of the walks inside the limits fall, "
+              f"{falls.mean():.2f} of all")  # fmt: skip
+        size = limits.high[0] - limits.low[0], high - low
+        box = plt.Rectangle((limits.low[0], low), *size, fill=False, ec="tab:cyan", lw=2)
+        axis.add_patch(box)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
     figure.colorbar(image, ax=axes, label="share of falls in 8 double steps")
     figure.suptitle(f"What the robot can take ({name}); blue: the limits of an action")

@@ -1,6 +1,6 @@
 """Stage 3: what does the robot see, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is a double step; the episode ends at the goal or in a fall.
+Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode.
 
     python 03_env.py                random and hand-written planner side by side; 20 seconds
     python 03_env.py --benchmark    double steps per second of the environment and of bare physics
@@ -15,13 +15,10 @@ Reconstructed (the paper gives only names and captions): the four reward formula
 scalars, the encoding of the observation, the spread of goals and noise; each is marked below.
 """
 
-import argparse
 import math
-import sys
 import time
 from dataclasses import asdict, dataclass
 from importlib import import_module
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -51,9 +48,9 @@ class Task:
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.02  # [-] continuity
     # Our three:
-    s_fall: float = 1.0  # [-]
-    s_goal: float = 1.0  # [-]
-    s_time: float = 0.01  # [-] per double step: 50 of them at γ = 0.98 cost less than a fall
+    s_fall: float = 2.0  # [-] the price of a fall
+    s_goal: float = 1.0  # [-] the prize at the goal
+    s_time: float = 0.01  # [-] per double step; for ever: 0.01 / (1 − γ) = 0.5, less than a fall
 
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
@@ -281,21 +278,23 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **world):
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = spaces(imu)
-        self.observation_space = gym.vector.utils.batch_space(self.single_observation_space, num_envs)
-        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        batch = gym.vector.utils.batch_space
+        self.observation_space = batch(self.single_observation_space, num_envs)
+        self.action_space = batch(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, noise, imu, **world)
         self.neutral_action = self.world.neutral_action
         self._everybody = np.arange(num_envs)
 
     def reset(self, *, seed=None, options=None):
-        """New episodes for all. Robot i draws from the seed + i; options["goals"] [N, 3] if given."""
+        """New episodes; robot i has the seed + i. options["goals"] [N, 3] sets the goals."""
         rngs = self.world.rng
         if isinstance(seed, (int, np.integer)):
             seed = [int(seed) + i for i in range(self.num_envs)]
         if seed is not None:
             rngs = [stream("training", s) for s in seed]
         elif rngs[0] is None:
-            rngs = [stream("training", s) for s in np.random.SeedSequence().generate_state(self.num_envs)]
+            fresh = np.random.SeedSequence().generate_state(self.num_envs)
+            rngs = [stream("training", s) for s in fresh]
         self.world.reset(self._everybody, rngs, (options or {}).get("goals"))
         return self.world.observe(self._everybody), {}
 
@@ -436,8 +435,8 @@ def bare_physics(world, rounds):
 
 def benchmark(sim):
     """Prints double steps per second of the environment and of bare physics, 1 to 256 robots."""
-    print(f"{'robots':>6s} {'environment':>12s} {'bare physics':>13s} {'ratio':>6s} {'planning':>9s}"
-          f"   [double steps/s; share of the time]")  # fmt: skip
+    head = ("robots", "environment", "bare physics", "ratio", "planning")
+    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s}   [double steps/s]".format(*head))
     for count in (1, 4, 16, 64, 256):
         env = FootstepVectorEnv(count, sim)
         env.reset(seed=0)
@@ -481,7 +480,8 @@ def main():
         "random": lambda world, robots: dice.random((len(robots), 6)),
         "hand-written": hand_written,
     }
-    print(f"\n{count} goals {'success':>14s} {'fall':>8s} {'timeout':>8s} {'time of success [s]':>20s}")
+    head = ("success", "fall", "timeout", "time of success [s]")
+    print(f"\n{count} goals {head[0]:>14s} {head[1]:>8s} {head[2]:>8s} {head[3]:>20s}")
     clock = time.perf_counter()
     steps = 0
     for title, planner in planners.items():
@@ -493,7 +493,8 @@ def main():
         print(f"{title:13s} {shares[0]:9.2f} {shares[1]:8.2f} {shares[2]:8.2f} "
               f"{good.mean() if len(good) else math.nan:20.1f}")  # fmt: skip
     took = time.perf_counter() - clock
-    plot_terms(terms, out / "03_rewards.png", f"One episode of the hand-written planner ({args.sim})")
+    title = f"One episode of the hand-written planner ({args.sim})"
+    plot_terms(terms, out / "03_rewards.png", title)
     world.close()
     print(f"\n{steps / took:.0f} double steps per second; of the time: " + ", ".join(
         f"{name} {100 * s / took:.0f} %" for name, s in world.seconds.items()))  # fmt: skip

@@ -10,7 +10,7 @@ baseline [10], a carrot-following velocity controller.
 
 (all with `--mujoco` in 3-D). Without a training of your own it judges the shipped policy. Prints
 the table and writes evaluation.json, trials.csv, table.md and footsteps.png to `runs/<sim>/`.
-Notice: the policy needs about half the baseline's time; with which rate of falls does it pay?
+Notice: the paper's policy needs half the baseline's time, and falls twice as often. Does yours?
 
 A planner is anything with `reset(num_robots)` and `act(world, robots, measured)`, which returns
 actions [n, 6] in [0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. Yours
@@ -23,7 +23,7 @@ needs no more than these two methods:
             steps[:, 0, 1] = 0.05
             return env.to_action(steps, world.limits)
 
-    world = env.FootstepWorld(50)
+    world = env.FootstepWorld(50, cores=1)
     trials = evaluate(SideStepper(), world, env.draw_goals(env.stream("evaluation", 0), 50))
 
 Every planner meets the same goals, each with the same noise: a difference between two rows is due
@@ -272,7 +272,7 @@ def record(planner, world, goals, seed=0):
     trials = evaluate(planner, world, goals, seed, watch=watch)
     walks = []
     for i, goal in enumerate(goals):
-        torso, joints, feet = zip(*seen[i])
+        torso, joints, feet = zip(*seen[i], strict=True)
         walks.append({
             "goal": goal, "outcome": trials["outcome"][i], "time": trials["time"][i],
             "torso": np.concatenate(torso),  # [K·T, 6] at every control tick
@@ -348,7 +348,7 @@ def table(rows, ratios):
         if (row["planner"], row["noise"]) in PAPER:
             success, *others = PAPER[row["planner"], row["noise"]]
             add(("", "", "paper"), f"{success:.3f}", *others)
-    widths = [max(map(len, column)) for column in zip(*cells)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
     lines += ["", "Mean success time relative to another planner, over the goals both reached:", ""]
     for r in ratios:
@@ -373,12 +373,12 @@ def write_json(path, content):
 
 
 def write_trials(path, goals, trials):
-    """One line per trial. Its columns x, y, yaw suit --goals: repeat just the trials that failed."""
+    """One line per trial. Its columns x, y, yaw suit --goals: repeat only those that failed."""
     lines = ["planner,noise,x,y,yaw,outcome,time,steps"]
     for (planner, noise), t in trials.items():
-        for (x, y, yaw), outcome, time, steps in zip(goals, t["outcome"], t["time"], t["steps"]):
-            lines.append(f"{planner},{'yes' if noise else 'no'},{x!r},{y!r},{yaw!r},"
-                         f"{outcome},{time:.2f},{steps}")
+        for i, (x, y, yaw) in enumerate(goals.tolist()):
+            lines.append(f"{planner},{'yes' if noise else 'no'},{x},{y},{yaw},"
+                         f"{t['outcome'][i]},{t['time'][i]:.2f},{t['steps'][i]}")
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -422,12 +422,12 @@ def plot_footsteps(columns, path):
     """The paper's Fig. 3: columns = [(planner, walks to the same goals), …], in one scale."""
     figure, axes = plt.subplots(1, len(columns), figsize=(4.8 * len(columns), 5.2), sharex=True,
                                 sharey=True, squeeze=False, layout="constrained")
-    for panel, (name, walks) in zip(axes[0], columns):
+    for panel, (name, walks) in zip(axes[0], columns, strict=True):
         for number, walk in enumerate(walks, 1):
             draw_walk(panel, walk)
-            x, y, yaw = walk["goal"]  # its name stands where its arrow points
-            panel.text(x + 0.28 * np.cos(yaw), y + 0.28 * np.sin(yaw), f"goal {number}",
-                       color="tab:blue", ha="center", va="center")
+            x, y, _ = walk["goal"]  # its name stands on the far side of it
+            panel.text(x + math.copysign(0.3, x), y, f"goal {number}", color="tab:blue",
+                       ha="center", va="center")
         low = np.minimum(0, np.min([walk["goal"][:2] for walk in walks], 0)) - 0.45  # [2]
         high = np.maximum(0, np.max([walk["goal"][:2] for walk in walks], 0)) + 0.45
         panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -464,9 +464,9 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
     def draw(tick):
         side.clear()
         top.clear()
-        for leg, (_, color) in list(zip(legs[tick], FEET))[::-1]:  # the left leg is in front
-            line = leg[[0, 1, 2, 3, 4, 2]]  # [6, 3] hip, knee, ankle, heel, toe, ankle
-            side.plot(line[:, 0], line[:, 2], color=color, lw=3)
+        for foot in (robot_model.RIGHT, robot_model.LEFT):  # the left leg is in front
+            line = legs[tick, foot][[0, 1, 2, 3, 4, 2]]  # [6, 3] hip, knee, ankle, heel, toe, ankle
+            side.plot(line[:, 0], line[:, 2], color=FEET[foot][1], lw=3)
         # Pitch θ leans forward: x′ = x·cos θ + z·sin θ,  z′ = z·cos θ − x·sin θ + height
         (x, z), cos, sin = box.T, np.cos(beside[tick, 4]), np.sin(beside[tick, 4])
         side.fill(x * cos + z * sin, z * cos - x * sin + beside[tick, 2], "0.8", ec="k", zorder=3)
@@ -497,7 +497,8 @@ def find(sim, name):
 
 def choose_planners(sim, chosen=None):
     """Planners by row name, and what evaluation.json says about them."""
-    paths = [path for path in (chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")) if path]
+    paths = [chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")]
+    paths = [path for path in paths if path]
     if not paths:
         command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco")
         raise InputError(f"no policy for {sim} yet: train one with `{command}`, or use --policy")

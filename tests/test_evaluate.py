@@ -324,6 +324,8 @@ def test_from_a_policy_file_to_the_table(tmp_path):
     assert len(lines) == 3 * len(content["rows"])
     goals = {name: [line["x"] for line in lines if line["planner"] == name] for name in names}
     assert all(goal == goals["policy"] for goal in goals.values()), "the same goals for everyone"
+    again = evaluate.read_goals(tmp_path / "one/trials.csv")  # failed trials can be repeated
+    np.testing.assert_array_equal(again[:3], evaluate.read_goals(tmp_path / "goals.csv"))
     assert "0.545" in evaluate.table(content["rows"], content["ratios"]) or all(
         ratio["goals"] == 0 for ratio in content["ratios"])
 
