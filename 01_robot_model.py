@@ -22,7 +22,6 @@ import argparse
 import math
 import multiprocessing
 import os
-import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -757,13 +756,7 @@ class StageParser(argparse.ArgumentParser):
 
     def error(self, message):
         """One line instead of the usage."""
-        stop(message)
-
-
-def stop(message):
-    """End with one line that says what to do, exit code 2."""
-    print(f"error: {message}", file=sys.stderr)
-    raise SystemExit(2)
+        self.exit(2, f"{self.prog}: {message}\n")
 
 
 def stage_parser(doc):
@@ -781,12 +774,12 @@ def parse_stage(parser, argv=None):
     args = parser.parse_args(argv)
     args.sim = "mujoco" if args.mujoco else "pymunk"
     if args.seed < 0:
-        stop(f"--seed must not be negative, got {args.seed}")
+        parser.error(f"--seed must not be negative, got {args.seed}")
     if args.mujoco:
         try:
             import mujoco  # noqa: F401
         except ImportError:
-            stop("--mujoco needs MuJoCo: python -m pip install mujoco")
+            parser.error("--mujoco needs MuJoCo: python -m pip install mujoco")
     out = args.out or Path("runs") / args.sim
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -794,7 +787,7 @@ def parse_stage(parser, argv=None):
         probe.touch()
         probe.unlink()
     except OSError as error:
-        stop(f"cannot write to the folder {out}: {error.strerror}; choose another with --out")
+        parser.error(f"cannot write to the folder {out}: {error.strerror}; choose another with --out")
     import matplotlib
 
     matplotlib.use("Agg")  # draws into files, needs no screen

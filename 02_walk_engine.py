@@ -389,8 +389,8 @@ def tune(name, seed, iterations=15, population=32, elite=8):
         spread = 0.3 * spread + 0.7 * drawn[best].std(0)
         value, speeds, stood = results[0]
         shown = "  ".join(f"{k} {v:.2f}" for k, v in speeds.items())
-        print(f"{iteration:3d}  score of the mean {value:.3f}, of the best {results[best[0]][0]:.3f}"
-              f"  |  {shown}  |  random steps stood {stood:.2f}", flush=True)  # fmt: skip
+        print(f"{iteration:3d}  score of the mean {value:.3f}, best {results[best[0]][0]:.3f}  |  "
+              f"{shown}  |  random steps stood {stood:.2f}", flush=True)  # fmt: skip
     return parameters(mean)
 
 

@@ -237,7 +237,9 @@ class FootstepWorld:
         at_goal = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
         success = at_goal & ~motion.fell  # a fall wins
         seconds = self.steps[robots] * self.engine.period
-        timeout = (seconds >= self.task.time_limit - 1e-9) & ~success & ~motion.fell
+        # No double step may end after the time limit: is there room for one more?
+        late = seconds + self.engine.period > self.task.time_limit + 1e-9
+        timeout = late & ~success & ~motion.fell
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
         return {
             "success": success, "fall": motion.fell, "timeout": timeout, "time": seconds,

@@ -4,7 +4,7 @@ Covers: section II of the paper, "Policy" (two hidden layers of 64 neurons, a Be
 each action variable, its maximum at inference) and the training with PPO. The paper used
 Stable-Baselines3; here it is written out, so that every equation has a line to point at.
 
-    python 04_ppo.py                 600,000 double steps of the planar robot (pymunk)
+    python 04_ppo.py                 300,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         a two-minute lesson, written to runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
@@ -595,11 +595,6 @@ def plot_learning_curve(rows, path, title):
 
 
 # ---------------------------------------------------------------- command line
-class Parser(argparse.ArgumentParser):
-    def error(self, message):  # one line instead of usage + message
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
 def positive(text):
     if not text.isdigit() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
@@ -625,11 +620,11 @@ def gym_envs(env_id):
 
 
 def main(argv=None):
-    parser = Parser(prog="04_ppo.py", description=__doc__.splitlines()[0])
+    parser = import_module("01_robot_model").StageParser(prog="04_ppo.py", description=__doc__.splitlines()[0])
     parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
     parser.add_argument("--noise", action="store_true", help="train with measurement noise")
-    parser.add_argument("--steps", type=positive, help="double steps (default 600,000)")
+    parser.add_argument("--steps", type=positive, help="double steps (default 300,000)")
     parser.add_argument("--quick", action="store_true", help="60,000 steps, into <out>/quick/")
     parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
     parser.add_argument("--seed", type=int, default=0)
@@ -644,7 +639,7 @@ def main(argv=None):
     sim = "mujoco" if args.mujoco else "pymunk"
     out_dir = Path("runs") / (args.env.replace("/", "-").replace(":", "-") if args.env else sim)
     out_dir = args.out or out_dir / ("imu" if args.imu else "") / ("quick" if args.quick else "")
-    steps = args.steps or (60_000 if args.quick else 600_000)
+    steps = args.steps or (60_000 if args.quick else 300_000)
     cfg = PPOConfig(**PRESETS.get(args.env, {}))
     try:
         if args.env:
