@@ -787,7 +787,7 @@ def parse_stage(parser, argv=None):
         probe.touch()
         probe.unlink()
     except OSError as error:
-        parser.error(f"cannot write to the folder {out}: {error.strerror}; choose another with --out")
+        parser.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
     import matplotlib
 
     matplotlib.use("Agg")  # draws into files, needs no screen
@@ -834,15 +834,22 @@ def main():
 
 
 def plot_robot(robot, stood, falling, path):
-    """From the side: standing, then every tenth of a second of the fall without motors."""
+    """From the side: standing, then eight moments of the fall without motors."""
     import matplotlib.pyplot as plt
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 4.5), layout="constrained", sharey=True)
     draw_robot(axes[0], robot, stood.torso[0, -1], stood.joints[0, -1])
     axes[0].set(title="standing for 3 s", ylabel="z [m]")
-    for k in range(9, 70, 10):
-        draw_robot(axes[1], robot, falling.torso[0, k], falling.joints[0, k], 0.15 + 0.85 * k / 70)
-    axes[1].set(title="motors off: every 0.1 s")
+    height = falling.torso[0, :, 2]
+    down = np.argmax(height < 1.02 * height.min() + 0.01)  # the tick when it is almost down
+    last = min(round(1.3 * down), len(height) - 1)
+    moments = np.linspace(0, last, 8).astype(int)
+    for i, k in enumerate(moments):
+        draw_robot(axes[1], robot, falling.torso[0, k], falling.joints[0, k], (i + 1) / 8)
+    axes[1].set(title=f"motors off: eight moments of {last * robot.control_dt:.1f} s")
+    axes[0].plot([], [], "tab:green", lw=3, label="left leg")
+    axes[0].plot([], [], "tab:red", lw=3, label="right leg (behind)")
+    axes[0].legend(loc="upper right", fontsize=8)
     for axis in axes:
         axis.axhline(0, color="0.5", lw=1)
         axis.set(xlabel="x [m]", aspect="equal", xlim=(-0.6, 0.6), ylim=(-0.05, 0.85))
@@ -859,6 +866,8 @@ def draw_robot(axis, robot, torso, joints, alpha=1.0):
     x = torso[0] + cos * box[:, 0] + sin * box[:, 1]
     z = torso[2] - sin * box[:, 0] + cos * box[:, 1]
     axis.fill(x, z, color="0.75", alpha=alpha, zorder=1)
+    hip = points[:, 0].mean(0)
+    axis.plot([torso[0], hip[0]], [torso[2], hip[2]], color="0.75", lw=5, alpha=alpha, zorder=1)
     for leg, color in ((RIGHT, "tab:red"), (LEFT, "tab:green")):
         x, z = points[leg, [0, 1, 2, 3, 4, 2], 0], points[leg, [0, 1, 2, 3, 4, 2], 2]
         axis.plot(x, z, color=color, alpha=alpha, lw=3, solid_joinstyle="round", zorder=2)
