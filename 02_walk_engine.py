@@ -3,9 +3,9 @@
 Paper: the walk engine of its reference [5]: quintic splines for the swing foot and the trunk,
 analytic inverse kinematics, open loop within a double step; parameters found by optimisation.
 
-    python 02_walk_engine.py             figures of one plan and of the walked path; half a minute
-    python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method)
-    python 02_walk_engine.py --limits    verify the step limits: maps of the share of falls
+    python 02_walk_engine.py             figures of one plan and of the walked path; seconds
+    python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 5 minutes
+    python 02_walk_engine.py --limits    verify the step limits: maps of falls; half a minute
 
 (all with `--mujoco` in 3-D). Writes `runs/<sim>/02_*.png`, prints commanded and walked distance.
 
@@ -52,7 +52,7 @@ class StepLimits:
     high: tuple
 
 
-TUNED = {
+TUNED = {  # by `python 02_walk_engine.py --tune` and `… --tune --mujoco`, seed 0, 2026-11-21
     "pymunk": WalkParameters(
         frequency=1.8034, double_support=0.116, foot_rise=0.0285, trunk_height=0.3792,
         trunk_phase=0.0705, trunk_pitch=0.0756, trunk_swing=0.0, trunk_x_offset=0.0051,
@@ -290,6 +290,12 @@ DIRECTIONS = {  # the largest double step that is tried [2, 3]: left and right f
     "sideways": [[0, 0.16, 0], [0, 0, 0]],
     "turning": [[0, 0, 0.60], [0, 0, -0.60]],
 }
+# Random steps while tuning: our first guess of what the limits might become.
+ROUGH = {
+    "pymunk": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.18, 0.10, 0.45)),
+    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
+}
+ITERATIONS = {"pymunk": 14, "mujoco": 16}  # of the tuning: five minutes each on two cores
 # Speeds [m/s, rad/s] that count 1 in the score of a tuning; our choice, from first trials.
 GOOD_SPEED = {"forward": 0.5, "backward": 0.35, "sideways": 0.2, "turning": 1.5}
 
@@ -348,15 +354,15 @@ def highest_speed(poses, fall, period):
     return speeds
 
 
-def score(name, parameters, limits, robot=robot_model.RobotModel()):
+def score(name, parameters, robot=robot_model.RobotModel()):
     """What tuning maximises: mean of √(speed / good speed) + 2 · share of random steps stood.
 
     The root makes a slow direction count more than a fast one.
     """
     rng = np.random.default_rng(0)  # the same random steps for all candidates
-    plans = np.concatenate([speed_plans(), random_plans(rng, limits)])
-    poses, fall = walk(name, parameters, plans, robot)
-    count = len(plans) - 32
+    straight, rough = speed_plans(), random_plans(rng, ROUGH[name])
+    poses, fall = walk(name, parameters, np.concatenate([straight, rough]), robot)
+    count = len(straight)
     speeds = highest_speed(poses[:count], fall[:count], WalkEngine(1, parameters).period)
     if robot_model.SIMULATORS[name].planar:
         del speeds["sideways"]  # kinematic: not an achievement
@@ -365,12 +371,11 @@ def score(name, parameters, limits, robot=robot_model.RobotModel()):
     return fast + 2 * stood, speeds, stood
 
 
-def tune(name, seed, iterations=15, population=32, elite=8):
+def tune(name, seed, iterations=None, population=32, elite=8):
     """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
 
     [5] used a tree-structured Parzen estimator for the same question. Returns WalkParameters.
     """
-    robot = robot_model.RobotModel()
     names = [k for k in SEARCH if not (robot_model.SIMULATORS[name].planar and k in PLANAR_FIXED)]
     low, high = np.array([SEARCH[k] for k in names]).T
     rng = np.random.default_rng(seed)
@@ -380,10 +385,10 @@ def tune(name, seed, iterations=15, population=32, elite=8):
     def parameters(x):
         return replace(start, **{k: round(float(v), 4) for k, v in zip(names, x)})
 
-    for iteration in range(iterations):
+    for iteration in range(iterations or ITERATIONS[name]):
         drawn = np.clip(mean + spread * rng.normal(size=(population, len(names))), low, high)
         drawn[0] = np.clip(mean, low, high)
-        results = [score(name, parameters(x), LIMITS[name], robot) for x in drawn]
+        results = [score(name, parameters(x)) for x in drawn]
         best = np.argsort([-r[0] for r in results])[:elite]
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.3 * spread + 0.7 * drawn[best].std(0)
@@ -466,7 +471,7 @@ def plot_walk(name, path):
     }
     plans = np.repeat(np.array(list(walks.values()))[:, None], count, 1)  # [4, K, 2, 3]
     poses, fall = walk(name, parameters, plans)
-    figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
+    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     print(f"{'walk':12s} {'commanded x, y, yaw':>26s} {'walked x, y, yaw':>26s}   fell")
     for i, title in enumerate(walks):
         steps = plans[i : i + 1]

@@ -91,33 +91,16 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(name):
             "a foot jumps: the next plan must start where this one ended"))
         np.testing.assert_allclose(second.feet[0, 0, :, 2], 0, atol=1e-12)
         np.testing.assert_allclose(first.joints[0, -1], second.joints[0, 0], atol=1e-9)
-        # One path through the seam: x, y, yaw and pitch; a jump in v or a would show as a spike.
+        # Each side of the seam is one quintic: a fit of degree 5 is exact, and so are v and a.
         before = np.c_[first.trunk[0][:, [0, 1, 5]], first.trunk[0][:, 4]]
         after = np.c_[trunk, second.trunk[0][:, 4]]
-        path = np.concatenate([before, after[1:]])
-        velocity = np.diff(path, axis=0) / dt
-        jerk = np.diff(velocity, 2, axis=0) / dt**2
-        seam = len(before) - 1  # index of the shared sample
-        near, inner = np.abs(jerk[seam - 3 : seam + 1]), np.abs(jerk)
-        assert np.all(near <= 1.5 * np.delete(inner, range(seam - 4, seam + 2), 0).max(0) + 1e-6), (
-            "velocity or acceleration jumps at the seam")
-
-
-@BOTH
-def test_state_handed_on_is_the_derivative_of_the_path(name):
-    engine, dt = make_engine(name), ROBOT.control_dt
-    footsteps = np.array([[[0.1, 0.03, 0.2], [0.05, 0.0, -0.1]]])
-    engine.plan(footsteps, [0])
-    plan, _ = engine.plan(footsteps, [0])
-    right = plan.feet[0, -1, 1, [0, 1, 3]]
-    path = walk_engine.relative(right[None], plan.trunk[0][:, [0, 1, 5]])
-    state = engine._trunk[0]  # [4, 3]: position, velocity, acceleration of x, y, yaw, pitch
-    path = np.c_[path, plan.trunk[0][:, 4]]
-    fit = np.polynomial.polynomial.polyfit(dt * np.arange(-7, 1), path[-8:], 5)
-    np.testing.assert_allclose(state[:, 0], path[-1], atol=1e-9)
-    np.testing.assert_allclose(state[:, 1], fit[1], atol=1e-3, err_msg="velocity, not turned?")
-    np.testing.assert_allclose(state[:, 2], 2 * fit[2], atol=0.1, err_msg="acceleration = 2·c₂")
-    assert np.abs(state[:2, 1]).max() > 0.05, "the trunk should be moving"
+        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
+        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
+        for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
+            np.testing.assert_allclose(start[order], last[order], atol=1e-6, err_msg=(
+                f"{what} of x, y, yaw, pitch [m{unit} or rad{unit}] jumps between double steps: "
+                "is the state turned into the frame of the new support foot?"))
+        assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
 
 
 @BOTH
@@ -300,11 +283,16 @@ def test_it_falls_when_it_must(name):
 
 
 def test_a_sharp_turn_slips_in_mujoco():
-    gentle, wish, up = walk("mujoco", [[0, 0, 0.15], [0, 0, -0.15]], 4)
-    assert up and gentle[2] > 0.85 * wish[2], f"gentle: {gentle[2]:.2f} of {wish[2]:.2f} rad"
-    sharp, wish, _ = walk("mujoco", [[0, 0, 0.8], [0, 0, -0.8]], 4)
-    assert sharp[2] < 0.85 * wish[2], (
-        f"sharp: {sharp[2]:.2f} of {wish[2]:.2f} rad; the soles should slip on the ground")
+    shares = np.linspace(0.94, 1.06, 7)[:, None, None, None]  # slipping is chaotic: take the mean
+    achieved = {}
+    for yaw in (0.1, 0.6):
+        plans = shares * np.tile([[0, 0, yaw], [0, 0, -yaw]], (1, 5, 1, 1))
+        poses, _ = walk_engine.walk("mujoco", walk_engine.TUNED["mujoco"], plans)
+        wish = walk_engine.commanded(walk_engine.TUNED["mujoco"], plans)
+        achieved[yaw] = (poses[:, -1, 2] / wish[:, 2]).mean()
+    assert achieved[0.1] == pytest.approx(1.0, abs=0.15), f"gentle: {achieved[0.1]:.2f} of the turn"
+    assert achieved[0.6] < 0.88, (
+        f"sharp: {achieved[0.6]:.2f} of the turn; the soles should slip on the ground")
 
 
 @BOTH
