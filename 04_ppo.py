@@ -621,7 +621,7 @@ def gym_envs(env_id):
 
 def main(argv=None):
     stage_parser = import_module("01_robot_model").StageParser
-    parser = stage_parser(description=__doc__.splitlines()[0])
+    parser = stage_parser(prog=Path(__file__).name, description=__doc__.splitlines()[0])
     parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
     parser.add_argument("--noise", action="store_true", help="train with measurement noise")

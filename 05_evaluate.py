@@ -581,7 +581,8 @@ def run(world, goals, planners, about, args, out, sim):
 
 def main(argv=None):
     """Check everything first, walk, then write."""
-    parser = env.robot_model.StageParser(description=__doc__.splitlines()[0])
+    head = __doc__.splitlines()[0]
+    parser = env.robot_model.StageParser(prog=Path(__file__).name, description=head)
     parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()

@@ -77,7 +77,7 @@ def test_robots_together_equal_robots_alone(make, sim, noise):
     np.testing.assert_array_equal(got, want, err_msg="robot i has the seed s + i")
     ends = 0
     for _ in range(25):
-        actions = rng.random((n, 6)).astype(np.float32)
+        actions = rng.integers(0, 2, (n, 6)).astype(np.float32)  # only extremes: they fall
         got, rewards, terminated, truncated, infos = together.step(actions)
         for i, one in enumerate(alone):
             last, reward, done, cut, info = one.step(actions[i])

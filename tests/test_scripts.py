@@ -60,28 +60,34 @@ def test_default_folder_is_runs_and_the_simulator(tmp_path):
     assert (tmp_path / "runs" / "pymunk" / "02_walk.png").exists()
 
 
-@pytest.mark.parametrize("flags", [[], ["--mujoco"]], ids=["pymunk", "mujoco"])
-def test_train_a_little_then_evaluate(tmp_path, flags):
-    train, result = tmp_path / "train", tmp_path / "result"
-    succeeds("04_ppo.py", *flags, "--steps", 256, "--seed", 1, "--out", train, folder=tmp_path)
-    policy = train / "policy.pt"
-    assert policy.stat().st_size > 1000
+def train_a_little(train, *flags):
+    """One update of PPO: the path of a policy.pt that can be loaded, and knows nothing."""
+    succeeds("04_ppo.py", *flags, "--steps", 256, "--seed", 1, "--out", train, folder=train.parent)
     assert len((train / "learning_curve.csv").read_text().splitlines()) >= 2, "head and a row"
     check_picture(train / "learning_curve.png")
-    shown = succeeds("05_evaluate.py", *flags, "--episodes", 4, "--policy", policy, "--out", result,
-                     folder=tmp_path)
+    assert (train / "policy.pt").stat().st_size > 1000
+    return train / "policy.pt"
+
+
+def test_train_a_little_in_mujoco(tmp_path):
+    train_a_little(tmp_path / "train", "--mujoco", "--imu", "--noise")
+
+
+def test_train_a_little_then_evaluate(tmp_path):
+    policy, result = train_a_little(tmp_path / "train"), tmp_path / "result"
+    arguments = ["--episodes", 4, "--policy", policy, "--out", result]
+    shown = succeeds("05_evaluate.py", *arguments, folder=tmp_path)
     evaluation = json.loads((result / "evaluation.json").read_text())
-    assert evaluation["sim"] == ("mujoco" if flags else "pymunk")
+    assert evaluation["sim"] == "pymunk"
     assert len(evaluation["rows"]) >= 2, "the learned planner and the baseline"
     assert "baseline" in shown and "baseline" in (result / "table.md").read_text()
     trials = (result / "trials.csv").read_text().splitlines()
     assert len(trials) == 1 + 4 * len(evaluation["rows"]), "a row per planner and goal"
     check_picture(result / "footsteps.png")
-    if not flags:  # the policy of one simulator is refused by the other
-        wrong = run("05_evaluate.py", "--mujoco", "--episodes", 4, "--policy", policy,
-                    "--out", result, folder=tmp_path)
-        one_clear_line(wrong, "05_evaluate.py --mujoco")
-        assert "pymunk" in wrong.stderr and "mujoco" in wrong.stderr
+    # The policy of one simulator is refused by the other.
+    wrong = run("05_evaluate.py", "--mujoco", *arguments, folder=tmp_path)
+    one_clear_line(wrong, "05_evaluate.py --mujoco")
+    assert "pymunk" in wrong.stderr and "mujoco" in wrong.stderr
 
 
 def one_clear_line(done, what):
@@ -100,6 +106,8 @@ def one_clear_line(done, what):
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
     (tmp_path / "a_file").write_text("not a folder")
     monkeypatch.chdir(tmp_path)
+    if script == "05_evaluate.py" and "--out" in arguments:
+        arguments = [*arguments, "--tune-baseline"]  # otherwise it asks for a policy first
     monkeypatch.setattr(sys, "argv", [script, *arguments])
     with pytest.raises(SystemExit) as caught:  # in this process: starting 30 of them takes long
         import_module(script.removesuffix(".py")).main()
