@@ -29,7 +29,7 @@ needs no more than these two methods:
 Every planner meets the same goals, each with the same noise: a difference between two rows is due
 to the planners, not to luck with the goals.
 
-Leaves out: standing up after a fall, obstacles, several training seeds (tests/studies.py).
+Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 """
 
 import csv
