@@ -14,9 +14,10 @@ Expect: a progress bar on which the success rate rises and the fall rate sinks; 
 learning_curve.csv and learning_curve.png in runs/<sim>/. On two cores (2026-11-21, seed 0) the
 default takes 6 minutes in either simulator; already after 60,000 double steps (about a minute)
 nine of ten episodes reach the goal, slowly (results/<sim>/learning_curve.csv). Learning takes
-about 0.06 ms per step on one core, the rest of the time is simulation. The Pendulum command above takes 20 seconds, and
-its deterministic policy then returns −161, −162, −160 with --seed 0, 1, 2 (mean of 100 episodes;
-an untrained one about −1200).
+about 0.06 ms per step on one core, the rest of the time is simulation.
+
+The Pendulum command takes 20 seconds; its deterministic policy then returns −161, −162, −160 with
+--seed 0, 1, 2 (mean of 100 episodes; an untrained one about −1200).
 
 The loop. (1) Collect: N robots take T steps each, with actions drawn from the policy's
 distribution. (2) Judge: was an action better than the critic expected? That is its advantage A_t.
