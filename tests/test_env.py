@@ -226,7 +226,8 @@ def test_reward_formulas_by_hand():
     got = terms((-0.4, 0, 0), (0.4, 0, 0))
     assert got["r_o"] == pytest.approx(0.1 * math.pi * (1 - 1 / math.e)), "β: π -> 0"
     # Continuity: only the lengths x, y of both feet, squared, in shares of the limits.
-    got = terms((1, 0, 0), (1, 0, 0), [0.5, 0.1, 0.9, 0.2, 0.4, 0.9], [0.2, 0.1, 0.0, 0.2, 0.8, 0.0])
+    now, before = [0.5, 0.1, 0.9, 0.2, 0.4, 0.9], [0.2, 0.1, 0.0, 0.2, 0.8, 0.0]
+    got = terms((1, 0, 0), (1, 0, 0), now, before)
     assert got["r_c"] == pytest.approx(-0.02 * (0.3**2 + 0.4**2)), "yaw must not count"
     assert terms((1, 0, 0), (1, 0, 0), fall=True)["r_fall"] == -TASK.s_fall
     assert terms((1, 0, 0), (1, 0, 0), success=True)["r_goal"] == TASK.s_goal
@@ -294,7 +295,10 @@ def discounted(poses, steps=0, fall=False, success=False):
 
 
 @BOTH
-@pytest.mark.parametrize("goal", [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)],
+GOALS = [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)]
+
+
+@pytest.mark.parametrize("goal", GOALS,
                          ids=str)
 def test_returns_rank_what_we_want(sim, goal):
     period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period

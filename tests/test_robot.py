@@ -321,7 +321,7 @@ def test_reported_torque_of_standing_carries_the_weight(make_sim, name):
     lever = np.abs(points[0, 1, 0] - points[0, [2, 0], 0]).max()
     most = ROBOT.mass * ROBOT.gravity / 2 * lever + 0.5
     for knee in (3, 9):
-        assert 0.5 < torque[knee] < most, f"a knee carries {torque[knee]:.1f} N m, at most {most:.1f}"
+        assert 0.5 < torque[knee] < most, f"a knee: {torque[knee]:.1f} N m, at most {most:.1f}"
     assert abs(torque[3] - torque[9]) < 0.2, "both legs carry the same"
 
 

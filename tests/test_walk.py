@@ -32,7 +32,7 @@ def test_quintic_meets_its_six_boundary_conditions():
         for t, want, where in ((0.0, start, "start"), (duration, end, "end")):
             got = [c.deriv(order)(t) if order else c(t) for order in range(3)]
             np.testing.assert_allclose(got, want, atol=1e-6, err_msg=(
-                f"{where}: position, velocity, acceleration; is c₂ = a₀/2, is T to the right power?"))
+                f"{where}: position, velocity, acceleration; is c₂ = a₀/2? the powers of T?"))
 
 
 def test_polynomial_and_its_derivatives_equal_numpy():
@@ -219,7 +219,8 @@ def test_soles_never_overlap_and_the_executed_step_is_reported(name):
             assert gap(sole_corners(a, 1), sole_corners(b, -1)) > 0.0099, (
                 f"soles closer than 1 cm: does clip know the corner that a yaw of "
                 f"{executed[0, :, 2]} rad brings inward?")
-        np.testing.assert_allclose(landing, executed[0, 0] + [0, engine.parameters.foot_distance, 0],
+        distance = engine.parameters.foot_distance
+        np.testing.assert_allclose(landing, executed[0, 0] + [0, distance, 0],
                                    atol=1e-12, err_msg="report what is done, not what was asked")
         np.testing.assert_array_equal(executed[..., [0, 2]], wish[..., [0, 2]])
         assert (executed[..., 1] >= wish[..., 1]).all(), "moved outward, never inward"
