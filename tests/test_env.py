@@ -294,10 +294,10 @@ def discounted(poses, steps=0, fall=False, success=False):
     return total
 
 
-@BOTH
 GOALS = [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)]
 
 
+@BOTH
 @pytest.mark.parametrize("goal", GOALS,
                          ids=str)
 def test_returns_rank_what_we_want(sim, goal):

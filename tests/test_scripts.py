@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import matplotlib.image
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,21 +61,27 @@ def test_default_folder_is_runs_and_the_simulator(tmp_path):
     assert (tmp_path / "runs" / "pymunk" / "02_walk.png").exists()
 
 
-def train_a_little(train, *flags):
-    """One update of PPO: the path of a policy.pt that can be loaded, and knows nothing."""
-    succeeds("04_ppo.py", *flags, "--steps", 256, "--seed", 1, "--out", train, folder=train.parent)
-    assert len((train / "learning_curve.csv").read_text().splitlines()) >= 2, "head and a row"
-    check_picture(train / "learning_curve.png")
-    assert (train / "policy.pt").stat().st_size > 1000
-    return train / "policy.pt"
-
-
 def test_train_a_little_in_mujoco(tmp_path):
-    train_a_little(tmp_path / "train", "--mujoco", "--imu", "--noise")
+    """In this process: an update of 04_ppo.py with its own settings takes a while."""
+    ppo, env = import_module("04_ppo"), import_module("03_env")
+    small = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2)
+    _, rows = ppo.train(small, lambda n: env.FootstepVectorEnv(n, "mujoco", noise=True, imu=True),
+                        tmp_path, 128, progress=False, fits=env.fingerprint("mujoco", True))
+    assert rows[-1]["steps"] == 128
+    model, _ = ppo.load_policy(tmp_path / "policy.pt", env.fingerprint("mujoco", True))
+    action = model.mode(env.FootstepVectorEnv(2, "mujoco", imu=True).reset(seed=0)[0])
+    neutral = env.to_action(np.zeros((2, 3)), env.walk_engine.LIMITS["mujoco"])
+    np.testing.assert_allclose(action, [neutral, neutral], atol=0.1, err_msg=(
+        "a policy that knows nothing yet should step on the spot"))
 
 
 def test_train_a_little_then_evaluate(tmp_path):
-    policy, result = train_a_little(tmp_path / "train"), tmp_path / "result"
+    train, result = tmp_path / "train", tmp_path / "result"
+    succeeds("04_ppo.py", "--steps", 256, "--seed", 1, "--out", train, folder=tmp_path)
+    assert len((train / "learning_curve.csv").read_text().splitlines()) >= 2, "head and a row"
+    check_picture(train / "learning_curve.png")
+    policy = train / "policy.pt"
+    assert policy.stat().st_size > 1000
     arguments = ["--episodes", 4, "--policy", policy, "--out", result]
     shown = succeeds("05_evaluate.py", *arguments, folder=tmp_path)
     evaluation = json.loads((result / "evaluation.json").read_text())
