@@ -260,6 +260,7 @@ def mjcf(robot):
     """The robot as a MuJoCo model. Each motor is a position servo with a torque-speed line:
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
+    A joint that the ground drives backward is braked harder than the limit, as by a real motor.
     """
 
     def inertial(link, side=1):
@@ -345,11 +346,11 @@ class MujocoSim:
         self._substeps = round(robot.control_dt / robot.physics_dt)
         self._gain = self.model.actuator_gainprm.copy(), self.model.actuator_biasprm.copy()
         joints = stance(robot) if joints is None else joints
-        self._start_target = joints
+        self._start_control = joints
         self._start = self._settle(joints)
         self.standing_height = self._start[3]
         self._state = np.tile(self._start, (num_robots, 1))  # [N, 38] time, qpos 19, qvel 18
-        self._target = np.tile(joints, (num_robots, 1))  # [N, 12] last joint targets
+        self._control = np.tile(joints, (num_robots, 1))  # [N, 12] last motor commands
 
     def _settle(self, joints):
         """The state [38] after standing still for a second, moved to the origin."""
@@ -365,7 +366,7 @@ class MujocoSim:
     def reset(self, robots):
         """Put these robots (indices [n]) back to standing at the origin."""
         self._state[robots] = self._start
-        self._target[robots] = self._start_target
+        self._control[robots] = self._start_control
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -379,7 +380,7 @@ class MujocoSim:
         expected = start[:, 0] + control.shape[1] * robot.physics_dt
         lost = ~np.isfinite(states).all((1, 2)) | (np.abs(states[:, -1, 0] - expected) > 1e-6)
         states[lost] = start[lost, None]
-        self._state[robots], self._target[robots] = states[:, -1], targets[:, -1]
+        self._state[robots], self._control[robots] = states[:, -1], control[:, -1]
         cos_tilt = 1 - 2 * (states[..., 5] ** 2 + states[..., 6] ** 2)  # [n, S]
         down = fallen(states[..., 3], cos_tilt, self.standing_height).any(1)
         seen = states[:, self._substeps - 1 :: self._substeps]  # [n, T, 38]
@@ -390,13 +391,13 @@ class MujocoSim:
 
     def idle(self, ticks):
         """Nothing but physics of all robots for some control ticks: what a benchmark compares."""
-        control = np.tile(self._target[:, None], (1, ticks * self._substeps, 1))
+        control = np.tile(self._control[:, None], (1, ticks * self._substeps, 1))
         self._pool.rollout(self.model, self._data, self._state, control)
 
     def torque(self):
         """Torque of every motor now, [N, 12] [N m]."""
         limit = np.tile(self.robot.torque_limit, 2)
-        push = self.robot.stiffness * (self._target - self._state[:, 8:20])
+        push = self.robot.stiffness * (self._control - self._state[:, 8:20])
         return np.clip(push, -limit, limit) - np.tile(self.robot.damping, 2) * self._state[:, 26:]
 
     def power(self, on):
