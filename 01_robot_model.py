@@ -346,7 +346,7 @@ class MujocoSim:
         self._substeps = round(robot.control_dt / robot.physics_dt)
         self._gain = self.model.actuator_gainprm.copy(), self.model.actuator_biasprm.copy()
         joints = stance(robot) if joints is None else joints
-        self._start_control = joints
+        self.start_joints = joints
         self._start = self._settle(joints)
         self.standing_height = self._start[3]
         self._state = np.tile(self._start, (num_robots, 1))  # [N, 38] time, qpos 19, qvel 18
@@ -366,7 +366,7 @@ class MujocoSim:
     def reset(self, robots):
         """Put these robots (indices [n]) back to standing at the origin."""
         self._state[robots] = self._start
-        self._control[robots] = self._start_control
+        self._control[robots] = self.start_joints
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -457,7 +457,7 @@ class PlanarRobots:
         self.lost = np.zeros(num_robots, bool)  # state not finite
         self.torque_share = 1.0  # 0 when the motors are switched off
         self.links = planar_bodies(robot)
-        self.links7 = [self.links[i] for i in (0, 1, 2, 3, 1, 2, 3)]
+        self.masses = np.array([self.links[i].mass for i in (0, 1, 2, 3, 1, 2, 3)])  # [7] [kg]
         self.standing_height = standing_torso(robot, joints)[2]
         along = np.linspace(-0.5, 0.5, 51) * (robot.foot_front + robot.foot_back)
         across = np.linspace(-0.5, 0.5, 51) * robot.foot_width
@@ -490,10 +490,12 @@ class PlanarRobots:
 
         def add_body(link, joint, pitch):
             """A link whose upper joint is at the point `joint`; pymunk counts from its centre."""
+            # The rotor turns with the link below it. It also keeps the solver calm: without it
+            # the light shin between heavy neighbours makes a standing robot sway by centimetres.
             rotor = 0.0 if link is self.links[0] else robot.armature
             body = pymunk.Body(link.mass, link.inertia[1] + rotor)
-            body.position, body.angle = tuple(joint), -pitch
-            body.position = body.local_to_world((link.com[0], link.com[2]))
+            body.angle, body.position = -pitch, tuple(joint)
+            body.position = body.local_to_world((link.com[0], link.com[2]))  # joint → centre
             space.add(body)
             return body
 
@@ -510,11 +512,11 @@ class PlanarRobots:
         add_box(torso, self.links[0], -depth / 2, depth / 2, 0.0, height)
         for side in (LEFT, RIGHT):
             parent, pitch = torso, pose[4]
-            for k, link in enumerate(self.links[1:]):  # thigh, shin, foot below hip, knee, ankle
+            for k, link in enumerate(self.links[1:]):  # hip + thigh, knee + shin, ankle + foot
                 pitch = pitch + self.start_joints[SAGITTAL[3 * side + k]]
                 body = add_body(link, points[side, k], pitch)
                 low, high = robot.joint_min[2 + k], robot.joint_max[2 + k]
-                # A motor makes (rate of a) − (rate of b) = `rate`: our joint rate, see the signs.
+                # A motor turns a against b at `rate`; pitch is minus angle, so that is q̇ of b.
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 motor.max_force = robot.torque_limit[2 + k] * self.torque_share  # [N m]
                 motors.append(motor)
@@ -569,11 +571,9 @@ class PlanarRobots:
     def _motion(self, robots, seen, turn, side):
         """World pose and falls from the bodies' states seen [n, T + 1, 7, 6]."""
         robot, dt = self.robot, self.robot.control_dt
-        mass = np.array([link.mass for link in self.links7])
         # N = Σ mᵢ·(v̇ᵢ + g): only the ground can hold the robot up. [n, T]
-        lift = np.diff((seen[..., 4] * mass).sum(-1), axis=1) / dt
-        force = np.maximum(lift + mass.sum() * robot.gravity, 0.0)
-        force = np.nan_to_num(force)
+        lift = np.diff((seen[..., 4] * self.masses).sum(-1), axis=1) / dt
+        force = np.nan_to_num(np.maximum(lift + self.masses.sum() * robot.gravity, 0.0))
         limit = np.minimum(robot.torque_limit[0], robot.friction * force * self.sole_radius)
         angle, com = seen[:, :, 0, 2], self.links[0].com[2]
         x = seen[:, :, 0, 0] + np.sin(angle) * com  # [n, T + 1] torso frame below its centre
@@ -616,13 +616,14 @@ class PlanarRobots:
 
     def separation(self):
         """Largest gap now between the two bodies of a joint, over all robots [m]."""
-        pivots = [p for s in self.spaces for p in s.constraints if hasattr(p, "anchor_b")]
-        gaps = [
+        import pymunk
+
+        joints = [joint for space in self.spaces for joint in space.constraints]
+        return max(
             (p.a.local_to_world(p.anchor_a) - p.b.local_to_world(p.anchor_b)).length
-            for p in pivots
-            if type(p).__name__ == "PivotJoint"
-        ]
-        return max(gaps)
+            for p in joints
+            if isinstance(p, pymunk.PivotJoint)
+        )
 
     def power(self, on):
         """Switch all motors on or off, of robots built from now on too."""

@@ -235,7 +235,7 @@ def test_mujoco_foot_slides_with_the_friction_of_the_model(make_sim):
     model, data = sim.model, mujoco.MjData(sim.model)
     for velocity in ((1.0, 0.0), (0.0, 1.0)):
         mujoco.mj_setState(model, data, sim._state[0], FULL)
-        data.qvel[:2], data.ctrl[:] = velocity, sim._target[0]
+        data.qvel[:2], data.ctrl[:] = velocity, sim._control[0]
         momentum, steps = [], 8
         for _ in range(steps + 1):
             mujoco.mj_forward(model, data)
@@ -316,8 +316,7 @@ def test_reported_torque_of_standing_carries_the_weight(make_sim, name):
     standing(sim, 1.0)
     torque = np.abs(sim.torque()[0])
     # Statics of one leg with half the weight above the ankle: F·(knee ahead of the foot's force)
-    points = robot_model.body_points(ROBOT, np.zeros(6), sim.start_joints
-                                     if name == "pymunk" else sim._start_target)[0]
+    points = robot_model.body_points(ROBOT, np.zeros(6), sim.start_joints)[0]
     lever = np.abs(points[0, 1, 0] - points[0, [2, 0], 0]).max()
     most = ROBOT.mass * ROBOT.gravity / 2 * lever + 0.5
     for knee in (3, 9):
