@@ -261,6 +261,7 @@ def mjcf(robot):
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
+    Friction is MuJoCo's pyramid: μ along the ground's x and y, μ/√2 between them, never more.
     """
 
     def inertial(link, side=1):
