@@ -22,6 +22,7 @@ import argparse
 import math
 import multiprocessing
 import os
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -756,6 +757,12 @@ SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
 
 class StageParser(argparse.ArgumentParser):
     """The same flags in every stage; a wrong value gets one clear line and exit code 2."""
+
+    def __init__(self, **settings):
+        super().__init__(**settings)
+        for stream in (sys.stdout, sys.stderr):  # Windows pipes may not know α or ±
+            if hasattr(stream, "reconfigure"):
+                stream.reconfigure(errors="replace")
 
     def error(self, message):
         """One line instead of the usage."""
