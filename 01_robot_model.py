@@ -6,7 +6,7 @@ Paper: section II-a (a simulated biped, position-controlled joints); the robot i
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 prints the mass table, lets the robot stand for 3 s, measures the simulator's speed, and draws the
-robot standing and, with its motors off, falling (`runs/<sim>/01_robot.png`). About ten seconds.
+robot standing and, with its motors off, falling (`runs/<sim>/01_robot.png`). A few seconds.
 
 One `RobotModel` feeds the leg kinematics, both simulators and the drawings. A simulator takes the
 joint targets of N robots and returns a `Motion`: what physics made of them.
@@ -47,10 +47,11 @@ class Link:
 class RobotModel:
     """Wolfgang-OP, simplified (public model: its URDF of 2024-10, unless a line says otherwise)."""
 
+    # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
     # Torso: torso, arms and head in one body. Its frame is the "trunk" of the walk engine.
-    torso: Link = Link(3.490, (0.0, 0.0, 0.120), (0.045, 0.035, 0.025))  # inertia: our estimate
+    torso: Link = Link(3.490, (0.0, 0.0, 0.120), (0.045, 0.035, 0.025))
     hip: Link = Link(0.389, (0.0, 0.0, 0.0), (0.0004, 0.0004, 0.0004))  # yaw and roll motors
-    thigh: Link = Link(0.242, (0.0, 0.0, -0.085), (0.0008, 0.0008, 0.0003))  # inertia: a rod's
+    thigh: Link = Link(0.242, (0.0, 0.0, -0.085), (0.0008, 0.0008, 0.0003))
     shin: Link = Link(0.088, (0.0, 0.0, -0.085), (0.0003, 0.0003, 0.0001))
     foot: Link = Link(0.595, (0.006, 0.004, -0.019), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
@@ -584,11 +585,13 @@ class PlanarRobots:
         k, c = robot.yaw_stiffness, robot.yaw_damping
         pose, rate, twist = self.world[robots], self.yaw_rate[robots], self.twist[robots]
         torso = np.zeros((len(robots), turn.shape[1], 6))
-        for t in range(turn.shape[1]):
-            torque = k * twist + c * (turn[:, t] / dt - rate)
-            rate = rate + np.clip(torque, -limit[:, t], limit[:, t]) / robot.yaw_inertia * dt
-            twist = twist + turn[:, t] - rate * dt
-            twist = np.clip(twist, -limit[:, t] / k, limit[:, t] / k)  # the foot slips
+        for t in range(turn.shape[1]):  # everything below is [n]
+            most = limit[:, t]  # min(motor limit, μ·N·r) [N m]
+            # τ = clip(k·e + c·ė, ±most),  ė = commanded minus true yaw rate;  I·ψ̈ = τ
+            torque = np.clip(k * twist + c * (turn[:, t] / dt - rate), -most, most)
+            rate = rate + torque / robot.yaw_inertia * dt
+            # |e| ≤ most / k: what would twist the leg further turns the foot on the ground
+            twist = np.clip(twist + turn[:, t] - rate * dt, -most / k, most / k)
             cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
             pose = pose + np.stack(
                 [cos * ahead[:, t] - sin * side[:, t], sin * ahead[:, t] + cos * side[:, t],

@@ -5,7 +5,7 @@ analytic inverse kinematics, open loop within a double step; parameters found by
 
     python 02_walk_engine.py             figures of one plan and of the walked path; seconds
     python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 5 minutes
-    python 02_walk_engine.py --limits    verify the step limits: maps of falls; half a minute
+    python 02_walk_engine.py --limits    verify the step limits: maps of falls; 15 seconds
 
 (all with `--mujoco` in 3-D). Writes `runs/<sim>/02_*.png`, prints commanded and walked distance.
 
@@ -28,7 +28,7 @@ robot_model = import_module("01_robot_model")
 
 @dataclass(frozen=True)
 class WalkParameters:
-    """Names of [5]. Values: see TUNED below, one set per simulator."""
+    """Named after those of [5]. These values are where the tuning starts; the used ones: TUNED."""
 
     frequency: float = 1.6  # [Hz] double steps per second
     double_support: float = 0.1  # [-] share of a single step with both feet on the ground
@@ -64,7 +64,9 @@ TUNED = {  # by `python 02_walk_engine.py --tune` and `… --tune --mujoco`, see
         trunk_x_offset=0.0065, pitch_per_step=-0.2323, pitch_per_turn=0.0334,
     ),
 }  # fmt: skip
-LIMITS = {  # our choice: just beyond what the maps of --limits show to be safe
+# Our choice, seen on the maps of --limits: x reaches beyond the edge where falls begin, so does a
+# turn or a sideways step together with a long x. Planar sideways steps cannot fall: as in 3-D.
+LIMITS = {
     "pymunk": StepLimits(low=(-0.20, -0.04, -0.40), high=(0.22, 0.10, 0.60)),
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
 }
@@ -376,10 +378,11 @@ def tune(name, seed, iterations=None, population=32, elite=8):
 
     [5] used a tree-structured Parzen estimator for the same question. Returns WalkParameters.
     """
-    names = [k for k in SEARCH if not (robot_model.SIMULATORS[name].planar and k in PLANAR_FIXED)]
+    planar = robot_model.SIMULATORS[name].planar
+    names = [k for k in SEARCH if not (planar and k in PLANAR_FIXED)]
     low, high = np.array([SEARCH[k] for k in names]).T
     rng = np.random.default_rng(seed)
-    start = WalkParameters(trunk_swing=0.0 if name == "pymunk" else WalkParameters.trunk_swing)
+    start = replace(WalkParameters(), **({"trunk_swing": 0.0} if planar else {}))
     mean, spread = np.array([getattr(start, k) for k in names]), (high - low) / 4
 
     def parameters(x):
@@ -489,7 +492,7 @@ def plot_walk(name, path):
     plt.close(figure)
 
 
-def plot_limits(name, path):
+def plot_limits(name, path, seed=0):
     """Three maps of the share of falls; the box is what an action can ask for."""
     import matplotlib.pyplot as plt
 
@@ -507,7 +510,7 @@ def plot_limits(name, path):
     for axis, (title, label, second, plan, (low, high)) in zip(axes, maps):
         cells = [plan(u, v) for v in second for u in x]
         first, then = (np.array([cell[i] for cell in cells], float) for i in (0, 1))
-        falls = fall_map(name, parameters, first, then).reshape(len(second), len(x))
+        falls = fall_map(name, parameters, first, then, seed=seed).reshape(len(second), len(x))
         image = axis.pcolormesh(x, second, falls, cmap="magma_r", vmin=0, vmax=1)
         inside = (x >= limits.low[0] - 1e-9) & (x <= limits.high[0] + 1e-9)
         rows = (second >= low - 1e-9) & (second <= high + 1e-9)
@@ -534,7 +537,7 @@ def main():
         print(tune(args.sim, args.seed))
         return
     if args.limits:
-        plot_limits(args.sim, out / "02_limits.png")
+        plot_limits(args.sim, out / "02_limits.png", args.seed)
         print("Look at", out / "02_limits.png")
         return
     kind = robot_model.SIMULATORS[args.sim]

@@ -2,7 +2,7 @@
 
 Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode.
 
-    python 03_env.py                random and hand-written planner side by side; 20 seconds
+    python 03_env.py                random and hand-written planner side by side; seconds
     python 03_env.py --benchmark    double steps per second of the environment and of bare physics
 
 (both with `--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints the
