@@ -173,7 +173,7 @@ def leg_inverse(robot, position, foot):
     """
     thigh, shin = robot.thigh_length, robot.shin_length
     # r: the hip seen from the ankle, in the foot's frame, r = Rᵀ·(−p)
-    rx, ry, rz = (-(foot[..., :, i] * position).sum(-1) for i in range(3))  # each [...]
+    rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot, -position), -1, 0)  # each [...]
     length = np.sqrt(rx**2 + ry**2 + rz**2)
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee); the knee bends one way only.
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
@@ -216,9 +216,12 @@ def body_inverse(robot, trunk, feet, planar=False):
     if planar:
         y, yaw = np.broadcast_to(hips(robot)[:, 1], y.shape), np.zeros_like(yaw)
     lean = rotation(trunk[..., 3], trunk[..., 4], np.zeros_like(trunk[..., 4]))  # [..., 3, 3]
-    lean_t = np.swapaxes(lean, -1, -2)[..., None, :, :]  # [..., 1, 3, 3]
-    ankle = (lean_t * np.stack([x, y, offset[..., 2]], -1)[..., None, :]).sum(-1)  # [..., 2, 3]
-    foot = lean_t @ rotation(np.zeros_like(yaw), np.zeros_like(yaw), yaw)
+    # The level axes under the trunk, seen from the leaning trunk: the rows of its rotation.
+    ahead, left, up = (lean[..., None, i, :] for i in range(3))  # each [..., 1, 3]
+    ankle = x[..., None] * ahead + y[..., None] * left + offset[..., 2, None] * up  # [..., 2, 3]
+    cos, sin = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+    axes = cos * ahead + sin * left, cos * left - sin * ahead, up + 0 * sin  # of the foot
+    foot = np.stack(axes, -1)  # [..., 2, 3, 3]
     joints, reachable = leg_inverse(robot, ankle - hips(robot), foot)
     return joints.reshape(*joints.shape[:-2], 12), reachable
 
@@ -264,6 +267,8 @@ def mjcf(robot):
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
     Friction is MuJoCo's pyramid: μ along the ground's x and y, μ/√2 between them, never more.
+    The two flags only save time (a third): at landing feet, Newton's method finds the same contact
+    forces in fewer iterations when it does not start from those of the last time step.
     """
 
     def inertial(link, side=1):
@@ -311,7 +316,7 @@ def mjcf(robot):
     return f"""
     <mujoco>
       <option timestep="{robot.physics_dt}" integrator="implicitfast"
-        gravity="0 0 {-robot.gravity}"/>
+        gravity="0 0 {-robot.gravity}"><flag warmstart="disable" island="disable"/></option>
       <default><geom contype="0" conaffinity="0"/></default>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>
@@ -347,6 +352,7 @@ class MujocoSim:
         self._data = [mujoco.MjData(self.model) for _ in range(cores)]
         self._pool = Rollout(nthread=cores if cores > 1 else 0)
         self._substeps = round(robot.control_dt / robot.physics_dt)
+        self._seconds = 0.0  # of bare physics
         self._gain = self.model.actuator_gainprm.copy(), self.model.actuator_biasprm.copy()
         joints = stance(robot) if joints is None else joints
         self.start_joints = joints
@@ -378,7 +384,9 @@ class MujocoSim:
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         control = np.repeat(control, self._substeps, axis=1)
+        clock = time.perf_counter()
         states, _ = self._pool.rollout(self.model, self._data, start, control)  # [n, S, 38]
+        self._seconds += time.perf_counter() - clock
         # MuJoCo restarts a diverged robot at time 0: a healthy-looking teleport. It is a fall.
         expected = start[:, 0] + control.shape[1] * robot.physics_dt
         lost = ~np.isfinite(states).all((1, 2)) | (np.abs(states[:, -1, 0] - expected) > 1e-6)
@@ -392,10 +400,9 @@ class MujocoSim:
         feet = np.concatenate([points[:, :, 2, :2], yaw[..., None]], -1)  # [n, 2, 3]
         return Motion(torso, seen[..., 8:20], seen[:, -1, 23:26], feet, down | lost)
 
-    def idle(self, ticks):
-        """Nothing but physics of all robots for some control ticks: what a benchmark compares."""
-        control = np.tile(self._control[:, None], (1, ticks * self._substeps, 1))
-        self._pool.rollout(self.model, self._data, self._state, control)
+    def bare_seconds(self):
+        """Wall-clock that `run` has spent in nothing but physics [s]: what a benchmark compares."""
+        return self._seconds
 
     def torque(self):
         """Torque of every motor now, [N, 12] [N m]."""
@@ -451,6 +458,8 @@ class PlanarRobots:
     PARENT = [0, 1, 2, 0, 4, 5]  # of bodies 1…6; body 0 is the torso
 
     def __init__(self, robot, num_robots, joints):
+        from pymunk import batch
+
         self.robot, self.start_joints = robot, joints
         self.spaces, self.motors = [None] * num_robots, [None] * num_robots
         self.bodies = np.zeros((num_robots, 7, 6))  # x, z, angle [m, m, rad] and their rates
@@ -458,6 +467,8 @@ class PlanarRobots:
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.twist = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # state not finite
+        self.buffer = batch.Buffer()
+        self.seconds = 0.0  # of bare physics
         self.torque_share = 1.0  # 0 when the motors are switched off
         self.links = planar_bodies(robot)
         self.masses = np.array([self.links[i].mass for i in (0, 1, 2, 3, 1, 2, 3)])  # [7] [kg]
@@ -472,7 +483,7 @@ class PlanarRobots:
             self.spaces[i], self.motors[i] = self._build()
         self.world[robots], self.yaw_rate[robots], self.twist[robots] = 0, 0, 0
         self.lost[robots] = False
-        self._read(robots)
+        self.bodies[robots] = self._read(robots)
         still = np.tile(self.start_joints[SAGITTAL], (len(robots), 21, 1))
         zero = np.zeros((len(robots), 20))
         self.run(robots, still, zero, zero)  # 0.2 s: the weight settles on the soles
@@ -531,16 +542,16 @@ class PlanarRobots:
         return space, motors
 
     def _read(self, robots):
-        """State of all bodies of these robots into `self.bodies`; one buffer for all spaces."""
+        """State [n, 7, 6] of all bodies of these robots; one buffer for all spaces."""
         from pymunk import batch
 
         fields = batch.BodyFields
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
-        buffer = batch.Buffer()
+        self.buffer.clear()
         for i in robots:
-            batch.get_space_bodies(self.spaces[i], wanted, buffer)
+            batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
         # Seven bodies and, last, the ground.
-        self.bodies[robots] = np.frombuffer(buffer.float_buf()).reshape(-1, 8, 6)[:, :7]
+        return np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)[:, :7]
 
     def joint_angles(self, bodies):
         """Sagittal joint angles [..., 6] of body states [..., 7, 6]."""
@@ -549,6 +560,9 @@ class PlanarRobots:
 
     def run(self, robots, joints, turn, side):
         """joints [n, T + 1, 6] [rad]; turn, side [n, T]: yaw [rad] and sideways [m] per tick."""
+        from pymunk import SimpleMotor
+
+        set_rate = SimpleMotor.rate.fset  # `motor.rate = …` at half its price
         robot, ticks = self.robot, joints.shape[1] - 1
         substeps = round(robot.control_dt / robot.physics_dt)
         speed_limit = np.tile(robot.speed_limit[2:5], 2)
@@ -559,16 +573,19 @@ class PlanarRobots:
             # A motor that only followed the error would lag: add the target's own rate.
             error = joints[:, t] - self.joint_angles(seen[:, t])
             rate = feed_forward[:, t] + robot.planar_gain * error
-            rate = np.clip(rate, -speed_limit, speed_limit)
+            rate = np.minimum(np.maximum(rate, -speed_limit), speed_limit)
             for i, rates in zip(robots, rate.tolist()):
-                if not self.lost[i]:
-                    for motor, value in zip(self.motors[i], rates):
-                        motor.rate = value
-                    for _ in range(substeps):
-                        self.spaces[i].step(robot.physics_dt)
-            self._read(robots)
-            seen[:, t + 1] = self.bodies[robots]
-            self.lost[robots] |= ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))
+                for motor, value in zip(self.motors[i], rates):
+                    set_rate(motor, value)
+            clock = time.perf_counter()
+            for i in robots[~self.lost[robots]]:
+                for _ in range(substeps):
+                    self.spaces[i].step(robot.physics_dt)
+            self.seconds += time.perf_counter() - clock
+            seen[:, t + 1] = self._read(robots)
+            if not np.abs(seen[:, t + 1]).max() < 1e4:  # too large, or not a number
+                self.lost[robots] |= ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))
+        self.bodies[robots] = seen[:, -1]
         return self._motion(robots, seen, turn, side)
 
     def _motion(self, robots, seen, turn, side):
@@ -584,20 +601,24 @@ class PlanarRobots:
         ahead = np.nan_to_num(np.diff(x, axis=1))  # [n, T] forward motion, measured
         k, c = robot.yaw_stiffness, robot.yaw_damping
         pose, rate, twist = self.world[robots], self.yaw_rate[robots], self.twist[robots]
-        torso = np.zeros((len(robots), turn.shape[1], 6))
+        yaw = np.repeat(pose[:, 2:], turn.shape[1] + 1, 1)  # [n, T + 1]
         for t in range(turn.shape[1]):  # everything below is [n]
             most = limit[:, t]  # min(motor limit, μ·N·r) [N m]
             # τ = clip(k·e + c·ė, ±most),  ė = commanded minus true yaw rate;  I·ψ̈ = τ
-            torque = np.clip(k * twist + c * (turn[:, t] / dt - rate), -most, most)
+            torque = k * twist + c * (turn[:, t] / dt - rate)
+            torque = np.minimum(np.maximum(torque, -most), most)
             rate = rate + torque / robot.yaw_inertia * dt
+            yaw[:, t + 1] = yaw[:, t] + rate * dt
             # |e| ≤ most / k: what would twist the leg further turns the foot on the ground
-            twist = np.clip(twist + turn[:, t] - rate * dt, -most / k, most / k)
-            cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
-            pose = pose + np.stack(
-                [cos * ahead[:, t] - sin * side[:, t], sin * ahead[:, t] + cos * side[:, t],
-                 rate * dt], -1)  # fmt: skip
-            torso[:, t, [0, 1, 5]] = pose
-        self.world[robots], self.yaw_rate[robots], self.twist[robots] = pose, rate, twist
+            twist = twist + turn[:, t] - rate * dt
+            twist = np.minimum(np.maximum(twist, -most / k), most / k)
+        cos, sin = np.cos(yaw[:, :-1]), np.sin(yaw[:, :-1])
+        torso = np.zeros((len(robots), turn.shape[1], 6))
+        torso[..., 0] = pose[:, :1] + np.cumsum(cos * ahead - sin * side, 1)
+        torso[..., 1] = pose[:, 1:2] + np.cumsum(sin * ahead + cos * side, 1)
+        torso[..., 5] = yaw[:, 1:]
+        self.world[robots], self.yaw_rate[robots] = torso[:, -1, [0, 1, 5]], rate
+        self.twist[robots] = twist
         torso[..., 2], torso[..., 4] = height[:, 1:], -angle[:, 1:]
         lost = self.lost[robots]
         torso[lost] = np.nan_to_num(torso[lost])
@@ -608,11 +629,9 @@ class PlanarRobots:
         foot_x = foot[..., 0] - (cos * cx - sin * cz) - x[:, -1, None]  # ankle ahead of the torso
         return torso, self.joint_angles(seen[:, 1:]), spin, foot_x, down | lost
 
-    def idle(self, ticks):
-        """Nothing but physics for some control ticks, motors held."""
-        for space in self.spaces:
-            for _ in range(ticks * round(self.robot.control_dt / self.robot.physics_dt)):
-                space.step(self.robot.physics_dt)
+    def bare_seconds(self):
+        """See `PymunkSim.bare_seconds`."""
+        return self.seconds
 
     def torque(self):
         """Size of the motors' torque in the last physics step, [n, 6] [N m]."""
@@ -724,9 +743,9 @@ class PymunkSim:
              pose[..., 2] + feet[..., 3] - last[:, None, 5]], -1)  # fmt: skip
         return Motion(torso, joints, spin, world, fell)
 
-    def idle(self, ticks):
-        """Nothing but physics of all robots for some control ticks: what a benchmark compares."""
-        self._call("idle", None, ticks)
+    def bare_seconds(self):
+        """Wall-clock that the busiest worker's `run` has spent in nothing but physics [s]."""
+        return max(result for _, result in self._call("bare_seconds"))
 
     def torque(self):
         """Size of the torque of every motor in the last physics step, [N, 12] [N m]."""

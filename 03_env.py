@@ -16,9 +16,13 @@ scalars, the encoding of the observation, the spread of goals and noise; each is
 """
 
 import math
+import multiprocessing
+import os
+import re
 import time
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -424,36 +428,43 @@ def plot_terms(terms, path, title):
     plt.close(figure)
 
 
-def bare_physics(world, rounds):
-    """Double steps per second of the simulator alone: targets held, no plan, nothing measured."""
-    sim, count = world.sim, len(world.pose)
-    world.sim.reset(np.arange(count))
-    ticks = 2 * world.engine.half_ticks
-    clock = time.perf_counter()
-    for _ in range(rounds):
-        sim.idle(ticks)
-    return count * rounds / (time.perf_counter() - clock)
+def memory():
+    """Memory of this process and its children [bytes]; nan where /proc does not tell."""
+    try:
+        processes = [os.getpid(), *(p.pid for p in multiprocessing.active_children())]
+        statuses = [Path(f"/proc/{pid}/status").read_text() for pid in processes]
+    except OSError:
+        return math.nan
+    return sum(1024 * int(re.search(r"VmRSS:\s+(\d+)", text)[1]) for text in statuses)
 
 
 def benchmark(sim):
-    """Prints double steps per second of the environment and of bare physics, 1 to 256 robots."""
-    head = ("robots", "environment", "bare physics", "ratio", "planning")
-    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s}   [double steps/s]".format(*head))
+    """Prints double steps per second of the environment and of bare physics, 1 to 256 robots.
+
+    Bare physics: the same physics steps of the same walk, timed inside the simulator, without
+    plans, motor targets, measurements and rewards.
+    """
+    head = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
+    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s} {:>13s}   [double steps/s]".format(*head))
     for count in (1, 4, 16, 64, 256):
         env = FootstepVectorEnv(count, sim)
+        env.world.sim.bare_seconds()  # by its answer all worker processes have started
+        empty = memory()
         env.reset(seed=0)
         action = np.tile(env.neutral_action, (count, 1))
         rounds = max(4, 512 // count)
         env.step(action)
-        env.world.seconds["planning"] = 0.0
+        world, before = env.world, env.world.sim.bare_seconds()
+        world.seconds["planning"] = 0.0
         clock = time.perf_counter()
         for _ in range(rounds):
             env.step(action)
         took = time.perf_counter() - clock
-        planning = env.world.seconds["planning"] / took
-        bare = bare_physics(env.world, rounds)
         speed = count * rounds / took
-        print(f"{count:6d} {speed:12.0f} {bare:13.0f} {speed / bare:6.2f} {planning:9.2f}")
+        bare = count * rounds / (world.sim.bare_seconds() - before)
+        used = (memory() - empty) / count / 1000
+        print(f"{count:6d} {speed:12.0f} {bare:13.0f} {speed / bare:6.2f} "
+              f"{world.seconds['planning'] / took:9.2f} {used:13.0f}")  # fmt: skip
         env.close()
 
 
