@@ -78,6 +78,7 @@ class RobotModel:
     yaw_stiffness: float = 45.0  # [N m/rad] planar hip yaw motor; our choice
     yaw_damping: float = 3.0  # [N m s/rad] critical for the two values above
     friction: float = 0.5  # [-] foot on ground, the value of the robot's own simulator
+    friction_cone: str = "pyramidal"  # in MuJoCo; its default. "elliptic" takes longer
     gravity: float = 9.81  # [m/s²]
 
     # Time. Control is what a motor sees; physics runs finer.
@@ -266,7 +267,7 @@ def mjcf(robot):
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
-    Friction is MuJoCo's pyramid: μ along the ground's x and y, μ/√2 between them, never more.
+    The friction pyramid: μ along the ground's x and y, μ/√2 between them, never more.
     The two flags only save time (a third): at landing feet, Newton's method finds the same contact
     forces in fewer iterations when it does not start from those of the last time step.
     """
@@ -316,7 +317,9 @@ def mjcf(robot):
     return f"""
     <mujoco>
       <option timestep="{robot.physics_dt}" integrator="implicitfast"
-        gravity="0 0 {-robot.gravity}"><flag warmstart="disable" island="disable"/></option>
+        cone="{robot.friction_cone}" gravity="0 0 {-robot.gravity}">
+        <flag warmstart="disable" island="disable"/>
+      </option>
       <default><geom contype="0" conaffinity="0"/></default>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>

@@ -415,6 +415,24 @@ def fall_map(name, parameters, first, then, repeats=4, seed=0):
     return (fall < plans.shape[1]).reshape(-1, repeats).mean(1)
 
 
+def fastest_speed(name, repeats=4, seed=0):
+    """Highest measured speed [m/s] of walking straight ahead with equal steps and never falling.
+
+    Only step lengths within the limits of an action; every repeat varies the steps by ±5 %.
+    """
+    rng = np.random.default_rng(seed)
+    lengths = np.linspace(0, LIMITS[name].high[0], 12)  # [m]
+    plans = np.zeros((len(lengths), repeats, 10, 2, 3))
+    plans[..., 0] = lengths[:, None, None, None]
+    plans[..., 0] *= rng.uniform(0.95, 1.05, plans.shape[:-1])
+    poses, fall = walk(name, TUNED[name], plans.reshape(-1, *plans.shape[2:]))
+    count = plans.shape[2]
+    way = poses[:, -1, 0] - poses[:, count // 2, 0]  # [m] in the second half: at full speed
+    period = WalkEngine(1, TUNED[name]).period
+    speed = (way / (count - count // 2) / period).reshape(-1, repeats).mean(1)
+    return float(speed[(fall == count).reshape(-1, repeats).all(1)].max())
+
+
 def commanded(parameters, footsteps):
     """Where the trunk should be after footsteps [N, K, 2, 3]: poses [N, 3] from standing at 0."""
     half = parameters.foot_distance / 2

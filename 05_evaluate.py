@@ -156,8 +156,18 @@ def time_ratio(trials, reference, resamples=2000):
     return ours.mean() / theirs.mean(), np.percentile(ratios, [2.5, 97.5]).tolist(), len(ours)
 
 
-def summary(planner, noise, trials, task):
-    """One row of the table; rates are shares of the episodes, times those of the successes."""
+def lower_bound(goals, speed, period, task):
+    """No planner is faster [s], [n]: straight to the circle around the goal at the top speed."""
+    # t ≥ (d − 0.05 m) / v, rounded up to whole double steps
+    way = np.maximum(0.0, np.hypot(goals[:, 0], goals[:, 1]) - task.success_m)
+    return np.ceil(way / (speed * period)) * period
+
+
+def summary(planner, noise, trials, task, bound=None):
+    """One row of the table; rates are shares of the episodes, times those of the successes.
+
+    bound [n]: the `lower_bound` of each goal [s], if known.
+    """
     n, reached = len(trials["time"]), trials["outcome"] == "success"
     row = {"planner": planner, "noise": noise, "episodes": n}
     if noise:
@@ -170,6 +180,8 @@ def summary(planner, noise, trials, task):
     times = trials["time"][reached]  # [s]
     row["time_mean"] = round(float(times.mean()), 3) if len(times) else None
     row["time_std"] = round(float(times.std()), 3) if len(times) else None
+    if bound is not None:
+        row["time_bound"] = round(float(bound[reached].mean()), 3) if len(times) else None
     return row
 
 
@@ -331,25 +343,31 @@ def compare(trials):
     return ratios
 
 
-def table(rows, ratios):
-    """The paper's Table II in Markdown: every row of ours, and the paper's own below it."""
-    cells = [("noise", "planner", "source", "success [95 % interval]", "timeout", "fall",
-              "success time [s]", "still up"), ("---",) * 8]
+def table(rows, ratios, speed=None):
+    """The paper's Table II in Markdown: every row of ours, and the paper's own below it.
 
-    def add(first, success, timeout, fall, mean, std, up=""):
+    speed: the fastest stable speed [m/s], on which the rows' `time_bound` is based.
+    """
+    cells = [("noise", "planner", "source", "success [95 % interval]", "timeout", "fall",
+              "success time [s]", "÷ bound", "still up"), ("---",) * 9]
+
+    def add(first, success, timeout, fall, mean, std, bound="", up=""):
         time = "none" if mean is None else f"{mean:.2f} ± {std:.2f}"
-        cells.append((*first, success, f"{timeout:.3f}", f"{fall:.3f}", time, up))
+        cells.append((*first, success, f"{timeout:.3f}", f"{fall:.3f}", time, bound, up))
 
     for row in rows:
         success = "{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"])
         up = "none" if row["stays_up"] is None else f"{row['stays_up']:.3f}"
+        bound = f"{row['time_mean'] / row['time_bound']:.2f}" if row.get("time_bound") else ""
         add(("yes" if row["noise"] else "no", row["planner"], "ours"), success,
-            *(row[key] for key in ("timeout", "fall", "time_mean", "time_std")), up)
+            *(row[key] for key in ("timeout", "fall", "time_mean", "time_std")), bound, up)
         if (row["planner"], row["noise"]) in PAPER:
             success, *others = PAPER[row["planner"], row["noise"]]
             add(("", "", "paper"), f"{success:.3f}", *others)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
+    if speed:
+        lines += ["", f"Bound: straight ahead at the fastest stable speed, {speed:.2f} m/s."]
     lines += ["", "Mean success time relative to another planner, over the goals both reached:", ""]
     for r in ratios:
         text = "no goal was reached by both"
@@ -560,13 +578,15 @@ def run(world, goals, planners, about, args, out, sim):
         for name, noise in settings:
             bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
             trials[name, noise] = evaluate(planners[name], world, goals, args.seed, noise, bar=bar)
-    rows = [summary(name, noise, t, world.task) for (name, noise), t in trials.items()]
+    speed = walk_engine.fastest_speed(sim)  # [m/s]
+    bound = lower_bound(goals, speed, world.engine.period, world.task)
+    rows = [summary(name, noise, t, world.task, bound) for (name, noise), t in trials.items()]
     ratios = compare(trials)
     write_json(out / "evaluation.json", {
         "sim": sim, **about, "goals": args.goals or "stream evaluation", "seed": args.seed,
-        "rows": rows, "ratios": ratios})
+        "fastest_speed": round(speed, 4), "rows": rows, "ratios": ratios})
     write_trials(out / "trials.csv", goals, trials)
-    write_text(out / "table.md", table(rows, ratios))
+    write_text(out / "table.md", table(rows, ratios, speed))
     columns = [(name, record(planners[name], world, FIGURE_GOALS, args.seed))
                for name in ("baseline", next(iter(planners)))]
     plot_footsteps(columns, out / "footsteps.png")
@@ -575,7 +595,7 @@ def run(world, goals, planners, about, args, out, sim):
         print("drawing the animation, half a minute")
         plot_animation(columns[1][1][0], out / "animation.gif", world.engine.robot)
         names.append("animation.gif")
-    print("\n" + table(rows, ratios))
+    print("\n" + table(rows, ratios, speed))
     print("written:", *(out / name for name in names))
 
 

@@ -148,6 +148,17 @@ def test_summary_without_a_success_is_valid_json():
     assert "none" in evaluate.table([row], [])
 
 
+def test_lower_bound_is_straight_and_in_whole_double_steps():
+    goals = np.array([[1.05, 0, 3], [0, -1.06, 0], [0.03, 0.03, 1]])
+    bound = evaluate.lower_bound(goals, speed=0.5, period=0.5, task=env.Task())
+    np.testing.assert_allclose(bound, (2.0, 2.5, 0.0), atol=1e-9, err_msg=(
+        "1.00 m at 0.25 m per double step: 4 of them; 1 cm more: 5; inside the circle: none"))
+    row = evaluate.summary("policy", False, trials(["success", "fall", "success"], [4, 1, 2]),
+                           env.Task(), bound)
+    assert row["time_bound"] == 1.0, "the bound is averaged over the successes, as the time is"
+    assert "3.00" in evaluate.table([row], [], 0.5), "time 3 s, bound 1 s"
+
+
 # ---------------------------------------------------------------- trials
 class Recorder:
     """Stands still and remembers what it was told; three decisions are enough."""

@@ -2,6 +2,7 @@
 the numbers of the robot model and against each other. A failing test names the likely mistake."""
 
 import math
+import time
 from importlib import import_module
 
 import mujoco
@@ -425,3 +426,26 @@ def test_mean_radius_of_the_sole(make_sim):
     points = rng.uniform(-0.5, 0.5, (200_000, 2)) * size
     want = np.hypot(*points.T).mean()
     assert robots.sole_radius == pytest.approx(want, rel=0.03), "r: mean over the whole sole"
+
+
+def test_faster_solver_settings_do_not_change_the_physics(make_sim):
+    """Cold or warm start: the solver must find the same contact forces (6 double steps)."""
+    plans, stance = walking("mujoco", 1, [[0.08, 0.02, 0.1], [0.08, 0, -0.1]], 6)
+    ends = []
+    for flags in (None, 0):
+        sim = make_sim("mujoco", joints=stance)
+        if flags is not None:
+            assert sim.model.opt.disableflags, "nothing is switched off: then why this test?"
+            sim.model.opt.disableflags = flags
+        ends.append([sim.run(plan, [0]).torso[0, -1] for plan in plans])
+    np.testing.assert_allclose(*ends, atol=1e-3, err_msg=(
+        "the flags in mjcf() are there to save time, not to change how the robot walks"))
+
+
+@BOTH
+def test_bare_seconds_are_a_part_of_the_wall_clock(make_sim, name):
+    sim = make_sim(name, 2, cores=1)
+    before, clock = sim.bare_seconds(), time.perf_counter()
+    standing(sim, 1.0)
+    took, bare = time.perf_counter() - clock, sim.bare_seconds() - before
+    assert 0.1 * took < bare < took, "bare physics is what is left without our own code"

@@ -336,3 +336,16 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
     for direction, speed in speeds.items():
         assert speed == pytest.approx(shares[3] / (sum(walk_engine.PATTERN) * 0.5)), (
             f"{direction}: the fourth of eight levels was the last one below a fall")
+
+
+@BOTH
+def test_fastest_speed_is_measured_and_not_commanded(name):
+    speed = walk_engine.fastest_speed(name, repeats=1)
+    period = walk_engine.WalkEngine(1, walk_engine.TUNED[name]).period
+    step = 0.6 * walk_engine.LIMITS[name].high[0]
+    plan = np.tile([step, 0, 0], (1, 8, 2, 1))
+    poses, fall = walk_engine.walk(name, walk_engine.TUNED[name], plan)
+    assert fall[0] == 8
+    moderate = (poses[0, -1, 0] - poses[0, 4, 0]) / (4 * period)
+    assert 0.9 * moderate < speed < 2 * walk_engine.LIMITS[name].high[0] / period, (
+        "at least that of a moderate walk, less than what the longest footsteps ask for")
