@@ -52,7 +52,7 @@ class Task:
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.02  # [-] continuity
     # Our three:
-    s_fall: float = 2.0  # [-] the price of a fall
+    s_fall: float = 4.0  # [-] the price of a fall
     s_goal: float = 1.0  # [-] the prize at the goal
     s_time: float = 0.01  # [-] per double step; for ever: 0.01 / (1 − γ) = 0.5, less than a fall
 

@@ -4,7 +4,7 @@ Covers: section II of the paper, "Policy" (two hidden layers of 64 neurons, a Be
 each action variable, its maximum at inference) and the training with PPO. The paper used
 Stable-Baselines3; here it is written out, so that every equation has a line to point at.
 
-    python 04_ppo.py                 300,000 double steps of the planar robot (pymunk)
+    python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson, written to runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
@@ -61,8 +61,10 @@ import matplotlib.pyplot as plt
 
 SAME_STEP = gym.vector.AutoresetMode.SAME_STEP  # the step that ends an episode resets it, too
 OUTCOMES = ("success", "fall", "timeout", "time")  # what an environment may report at the end
+STEPS, QUICK_STEPS = 500_000, 60_000  # double steps of a training
 COLUMNS = ("steps", "minutes", "return", "length", *OUTCOMES, "entropy", "clip_fraction",
-           "approx_kl", "explained_variance", "value_loss", "learning_rate")
+           "approx_kl", "explained_variance", "value_loss", "learning_rate",
+           "learning_ms")  # wall-clock of everything but simulation, per step
 
 
 @dataclass(frozen=True)
@@ -520,13 +522,16 @@ def train(cfg, make_envs, out_dir, total_steps, seed=0, resume=False, fits=None,
             optimizer.param_groups[0]["lr"] = cfg.learning_rate * remaining
             data, episodes = collector.rollout(model, cfg.rollout,
                                                lambda: bar.update(cfg.num_envs))
+            clock = time.perf_counter()
             watched = improve(model, optimizer, data, cfg, cfg.entropy_coef * remaining)
+            learning = time.perf_counter() - clock  # [s]
             if not np.isfinite(watched["value_loss"]):
                 raise FloatingPointError(f"update {update}: the loss is not finite")
             rows.append({"steps": (update + 1) * per_update,
                          "minutes": (time.monotonic() - started) / 60.0,
                          **episode_means(episodes), **watched,
-                         "learning_rate": cfg.learning_rate * remaining})
+                         "learning_rate": cfg.learning_rate * remaining,
+                         "learning_ms": 1000.0 * learning / per_update})
             bar.set_postfix({name: f"{recent_mean(rows, name):.3g}"
                              for name in ("success", "fall", "return")
                              if not np.isnan(recent_mean(rows, name))})
@@ -628,8 +633,9 @@ def main(argv=None):
     parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
     parser.add_argument("--noise", action="store_true", help="train with measurement noise")
-    parser.add_argument("--steps", type=positive, help="double steps (default 300,000)")
-    parser.add_argument("--quick", action="store_true", help="60,000 steps, into <out>/quick/")
+    parser.add_argument("--steps", type=positive, help=f"double steps (default {STEPS:,})")
+    parser.add_argument("--quick", action="store_true",
+                        help=f"{QUICK_STEPS:,} steps, into <out>/quick/")
     parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder (default runs/<sim>/)")
@@ -643,7 +649,7 @@ def main(argv=None):
     sim = "mujoco" if args.mujoco else "pymunk"
     out_dir = Path("runs") / (args.env.replace("/", "-").replace(":", "-") if args.env else sim)
     out_dir = args.out or out_dir / ("imu" if args.imu else "") / ("quick" if args.quick else "")
-    steps = args.steps or (60_000 if args.quick else 300_000)
+    steps = args.steps or (QUICK_STEPS if args.quick else STEPS)
     cfg = PPOConfig(**PRESETS.get(args.env, {}))
     try:
         if args.env:
@@ -674,7 +680,8 @@ def main(argv=None):
               if saved else "too early to resume, no checkpoint was written yet", file=sys.stderr)
         sys.exit(130)
     plot_learning_curve(rows, out_dir / "learning_curve.png", f"PPO on {task}")
-    print(f"after {rows[-1]['minutes']:.1f} minutes:",
+    learning = np.mean([row["learning_ms"] for row in rows])
+    print(f"after {rows[-1]['minutes']:.1f} minutes ({learning:.2f} ms of learning per step):",
           *(out_dir / name for name in ("policy.pt", "learning_curve.csv", "learning_curve.png")))
     if args.env:
         returns = episode_returns(model, make_envs(100), random_seed(args.seed, steps))

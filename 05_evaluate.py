@@ -38,6 +38,7 @@ import math
 import os
 import sys
 import tempfile
+import time
 from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import product
@@ -230,6 +231,16 @@ def load_planner(path, sim):
         raise ppo.PolicyError(f"{path}: this policy does not fit: {mismatch}")
     trained = {key: meta.get(key) for key in ("steps", "minutes", "seed")}
     return PolicyPlanner(model, imu), {"file": Path(path).as_posix(), "imu": imu, **trained}
+
+
+def decision_time(planner, world, count, repeats=100):
+    """Wall-clock of one decision for `count` robots at once, from measured goal to action [µs]."""
+    robots = np.arange(count)
+    measured = world.measure(robots)
+    clock = time.perf_counter()
+    for _ in range(repeats):
+        planner.act(world, robots, measured)
+    return 1e6 * (time.perf_counter() - clock) / repeats
 
 
 # ---------------------------------------------------------------- trials
@@ -582,9 +593,12 @@ def run(world, goals, planners, about, args, out, sim):
     bound = lower_bound(goals, speed, world.engine.period, world.task)
     rows = [summary(name, noise, t, world.task, bound) for (name, noise), t in trials.items()]
     ratios = compare(trials)
+    first = planners[next(iter(planners))]
+    decision = {n: round(decision_time(first, world, n) / n, 2) for n in (1, 64)}  # [µs]
     write_json(out / "evaluation.json", {
         "sim": sim, **about, "goals": args.goals or "stream evaluation", "seed": args.seed,
-        "fastest_speed": round(speed, 4), "rows": rows, "ratios": ratios})
+        "decision_us_per_robot": decision, "fastest_speed": round(speed, 4),
+        "rows": rows, "ratios": ratios})
     write_trials(out / "trials.csv", goals, trials)
     write_text(out / "table.md", table(rows, ratios, speed))
     columns = [(name, record(planners[name], world, FIGURE_GOALS, args.seed))
@@ -596,6 +610,8 @@ def run(world, goals, planners, about, args, out, sim):
         plot_animation(columns[1][1][0], out / "animation.gif", world.engine.robot)
         names.append("animation.gif")
     print("\n" + table(rows, ratios, speed))
+    print("one decision of the policy takes " + ", ".join(
+        f"{value:.1f} µs per robot for {n} at a time" for n, value in decision.items()))
     print("written:", *(out / name for name in names))
 
 
@@ -630,7 +646,7 @@ def main(argv=None):
         out.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=out):  # find out now, not after the long work
             pass
-        world = env.FootstepWorld(max(len(goals), len(FIGURE_GOALS)), sim)
+        world = env.FootstepWorld(max(len(goals), 64), sim)  # 64: for the decision's time
         if args.tune_baseline:
             tune_baseline(world, goals, args, out, sim)
         else:

@@ -63,10 +63,11 @@ def digest(*ingredients):
 def train(sim, seed, imu=False):
     """The command a user would give, unless its policy is there already; returns its folder."""
     out = store(sim) / f"train_imu{seed}_" if imu else store(sim) / f"train{seed}_"
-    out = out.with_name(out.name + digest(env.fingerprint(sim, imu), env.Task(), ppo.PPOConfig()))
+    out = out.with_name(out.name + digest(
+        env.fingerprint(sim, imu), env.Task(), ppo.PPOConfig(), ppo.STEPS))
     if not (out / "policy.pt").is_file():
         resume = ["--resume"] if (out / "checkpoint.pt").is_file() else []
-        flags = ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu + resume
+        flags = ["--noise"] + ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu + resume
         command = [sys.executable, "04_ppo.py", *flags, "--seed", str(seed), "--out", str(out)]
         print(" ".join(["python", *command[1:]]))
         subprocess.run(command, cwd=ROOT, check=True)
@@ -86,7 +87,7 @@ class Trials:
         """
         parts = []
         for seed in range(first, first + count):
-            name = digest(key, env.fingerprint(self.sim), self.robot, noise, size, PER_SEED)
+            name = digest(key, env.fingerprint(self.sim), self.robot, env.Task(), noise, size)
             path = store(self.sim) / "trials" / f"{title}_{seed}_{name}.npz"
             if not path.is_file():
                 self.measure(path, planner, noise, seed, size)
@@ -225,16 +226,14 @@ def seeds(sim):
             lines.append([yes(noise), name, *filled])
     head = ["noise", "training seed", "success", "fall", "timeout", "still up", "time [s]",
             *(f"÷ {name}" for name in others)]  # fmt: skip
-    minutes = {}
     for seed, folder in folders.items():  # the evidence
         target = results / "seeds" / str(seed)
         target.mkdir(parents=True, exist_ok=True)
         for name in ("policy.pt", "learning_curve.csv"):
             shutil.copyfile(folder / name, target / name)
-        minutes[seed] = round(read_curve(folder)["minutes"][-1], 2)
     for name in ("policy.pt", "learning_curve.csv", "learning_curve.png"):
         shutil.copyfile(folders[median] / name, results / name)
-    content = {"goals": 4 * PER_SEED, "median_seed": median, "minutes": minutes, "rows": rows}
+    content = {"goals": 4 * PER_SEED, "median_seed": median, "rows": rows}
     publish(sim, "seeds", content, markdown(head, lines), plot_seeds(folders, sim))
 
 
@@ -454,7 +453,7 @@ VARIANTS = {  # name: what differs from the reference
     "first policy: broad": {"config": {"first_concentration": 2.02}, "centre": True},
     "one previous action": {"hide": True},
     "with IMU": {"imu": True},
-    "trained with noise": {"noise": True},
+    "trained without noise": {"noise": False},
     **{f"without r_{k}": {"task": {f"s_{k}": 0.0}}
        for k in ("d", "a", "o", "c", "fall", "goal", "time")},
 }  # fmt: skip
@@ -488,7 +487,7 @@ class HiddenPlanner(evaluate.PolicyPlanner):
 
 
 def ablate(sim, name, seed):
-    """One training of STEPS double steps on one core, and 500 goals without noise; cached."""
+    """One training of STEPS double steps on one core, and 500 noisy goals; cached."""
     variant = VARIANTS[name]
     cfg = ppo.PPOConfig(**variant.get("config", {}))
     task = replace(env.Task(), **variant.get("task", {}))
@@ -502,7 +501,7 @@ def ablate(sim, name, seed):
 
     def make_envs(num_envs):
         kind = HiddenEnv if hide else env.FootstepVectorEnv
-        envs = kind(num_envs, sim, variant.get("noise", False), use_imu, task=task, cores=1)
+        envs = kind(num_envs, sim, variant.get("noise", True), use_imu, task=task, cores=1)
         if variant.get("centre"):
             envs.neutral_action = 0.5
         return envs
@@ -513,9 +512,9 @@ def ablate(sim, name, seed):
     planner = (HiddenPlanner if hide else evaluate.PolicyPlanner)(model, use_imu)
     goals = env.draw_goals(env.stream("evaluation", FIRST), PER_SEED)
     world = env.FootstepWorld(PER_SEED, sim, cores=1)
-    trials = evaluate.evaluate(planner, world, goals, FIRST)
+    trials = evaluate.evaluate(planner, world, goals, FIRST, noise=True)
     world.close()
-    row = {"variant": name, "seed": seed, **row_of(trials, "policy", False),
+    row = {"variant": name, "seed": seed, **row_of(trials, "policy", True),
            "curve": [[r["steps"], round(r["success"], 4)] for r in rows]}  # fmt: skip
     evaluate.write_json(result, plain(row))
     return row
