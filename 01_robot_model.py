@@ -23,6 +23,7 @@ import math
 import multiprocessing
 import os
 import sys
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -117,7 +118,7 @@ class Motion:
     torso: np.ndarray  # [N, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [N, T, 12] measured joint angles [rad]
     spin: np.ndarray  # [N, 3] angular velocity of the torso at the end, in its own frame [rad/s]
-    feet: np.ndarray  # [N, 2, 3] x, y [m], yaw [rad] of both feet in the world, at the end
+    feet: np.ndarray  # [N, 2, 3] x, y [m] of the ankles, yaw [rad] of the feet, at the end
     fell: np.ndarray  # [N] bool: fell at any time
 
     @property
@@ -181,10 +182,10 @@ def leg_inverse(robot, position, foot):
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
     ankle_roll = np.arctan2(ry, rz)
-    # In the shin's frame the hip stands at the angle `bars` from the shin, in the foot's at `seen`.
-    bars = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
-    seen = np.arctan2(rx, np.hypot(ry, rz))
-    ankle_pitch = bars - seen
+    # Pitch of the line from ankle to hip, seen from the shin and from the foot.
+    from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
+    from_foot = np.arctan2(rx, np.hypot(ry, rz))
+    ankle_pitch = from_shin - from_foot
     # Without the ankle's roll, the foot's rotation is M = Rz(yaw)·Rx(roll)·Ry(sum of pitches).
     cos, sin = np.cos(ankle_roll)[..., None], np.sin(ankle_roll)[..., None]
     middle = cos * foot[..., :, 1] - sin * foot[..., :, 2]  # [..., 3] second column of M
@@ -255,7 +256,10 @@ def standing_torso(robot, joints):
 
 
 def fallen(height, cos_tilt, standing_height):
-    """Fall: the trunk is below half its standing height or tilted beyond 45° (reference [5])."""
+    """Fall: the trunk is below half its standing height or tilted beyond 45°.
+
+    Reference [5], which tests roll and pitch one by one; here their common tilt is tested.
+    """
     return (height < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
 
@@ -452,7 +456,7 @@ class PlanarRobots:
     Yaw ψ is a degree of freedom of its own. The hip motor twists the torso against the support
     foot by e; friction on the ground carries at most μ·N·r, beyond it the foot slips:
 
-        τ = clip(k·e + c·ė, ±min(motor limit, μ·N·r)),   I·ψ̈ = τ,   |e| ≤ limit / k
+        τ = clip(k·e + c·ė, ±bound),   I·ψ̈ = τ,   |e| ≤ bound / k,   bound = min(motor limit, μ·N·r)
 
     with N the measured contact force and r the mean radius of the sole. Sideways is kinematic: it
     follows the command and cannot fall.
@@ -606,15 +610,15 @@ class PlanarRobots:
         pose, rate, twist = self.world[robots], self.yaw_rate[robots], self.twist[robots]
         yaw = np.repeat(pose[:, 2:], turn.shape[1] + 1, 1)  # [n, T + 1]
         for t in range(turn.shape[1]):  # everything below is [n]
-            most = limit[:, t]  # min(motor limit, μ·N·r) [N m]
-            # τ = clip(k·e + c·ė, ±most),  ė = commanded minus true yaw rate;  I·ψ̈ = τ
+            bound = limit[:, t]  # min(motor limit, μ·N·r) [N m]
+            # τ = clip(k·e + c·ė, ±bound),  ė = commanded minus true yaw rate;  I·ψ̈ = τ
             torque = k * twist + c * (turn[:, t] / dt - rate)
-            torque = np.minimum(np.maximum(torque, -most), most)
+            torque = np.minimum(np.maximum(torque, -bound), bound)
             rate = rate + torque / robot.yaw_inertia * dt
             yaw[:, t + 1] = yaw[:, t] + rate * dt
-            # |e| ≤ most / k: what would twist the leg further turns the foot on the ground
+            # |e| ≤ bound / k: what would twist the leg further turns the foot on the ground
             twist = twist + turn[:, t] - rate * dt
-            twist = np.minimum(np.maximum(twist, -most / k), most / k)
+            twist = np.minimum(np.maximum(twist, -bound / k), bound / k)
         cos, sin = np.cos(yaw[:, :-1]), np.sin(yaw[:, :-1])
         torso = np.zeros((len(robots), turn.shape[1], 6))
         torso[..., 0] = pose[:, :1] + np.cumsum(cos * ahead - sin * side, 1)
@@ -640,17 +644,6 @@ class PlanarRobots:
         """Size of the motors' torque in the last physics step, [n, 6] [N m]."""
         impulse = [[abs(motor.impulse) for motor in motors] for motors in self.motors]
         return np.array(impulse) / self.robot.physics_dt
-
-    def separation(self):
-        """Largest gap now between the two bodies of a joint, over all robots [m]."""
-        import pymunk
-
-        joints = [joint for space in self.spaces for joint in space.constraints]
-        return max(
-            (p.a.local_to_world(p.anchor_a) - p.b.local_to_world(p.anchor_b)).length
-            for p in joints
-            if isinstance(p, pymunk.PivotJoint)
-        )
 
     def power(self, on):
         """Switch all motors on or off, of robots built from now on too."""
@@ -757,10 +750,6 @@ class PymunkSim:
             torque[np.arange(self.num_robots)[rows][:, None], SAGITTAL] = result
         return torque
 
-    def separation(self):
-        """Largest gap between the two bodies of any joint now [m]."""
-        return max(result for _, result in self._call("separation"))
-
     def power(self, on):
         """Switch all motors on or off."""
         self._call("power", None, on)
@@ -794,10 +783,10 @@ class StageParser(argparse.ArgumentParser):
         self.exit(2, f"{self.prog}: {message}\n")
 
 
-def stage_parser(doc):
+def stage_parser(doc, prog=None):
     """A parser with --mujoco, --seed and --out; the help is the head of the stage's file."""
     raw = argparse.RawDescriptionHelpFormatter
-    parser = StageParser(description=doc, formatter_class=raw)
+    parser = StageParser(prog=prog, description=doc, formatter_class=raw)
     parser.add_argument("--mujoco", action="store_true", help="3-D instead of the sagittal plane")
     parser.add_argument("--seed", type=int, default=0, help="the same seed gives the same numbers")
     parser.add_argument("--out", type=Path, help="folder for what is written; runs/<sim>/")
@@ -805,7 +794,7 @@ def stage_parser(doc):
 
 
 def parse_stage(parser, argv=None):
-    """Parsed arguments, with `sim`, and the output folder, made and known to be writable."""
+    """Parsed arguments, with `sim` ("pymunk" or "mujoco")."""
     args = parser.parse_args(argv)
     args.sim = "mujoco" if args.mujoco else "pymunk"
     if args.seed < 0:
@@ -815,23 +804,28 @@ def parse_stage(parser, argv=None):
             import mujoco  # noqa: F401
         except ImportError:
             parser.error("--mujoco needs MuJoCo: python -m pip install mujoco")
-    out = args.out or Path("runs") / args.sim
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        probe = out / f".writable{os.getpid()}"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        parser.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
     import matplotlib
 
     matplotlib.use("Agg")  # draws into files, needs no screen
-    return args, out
+    return args
+
+
+def output_folder(parser, args, default=None):
+    """The folder to write to (default: runs/<sim>), made and known to be writable before work."""
+    out = args.out or default or Path("runs") / args.sim
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            return out
+    except OSError as error:
+        parser.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
 
 
 def main():
     """See the head of this file."""
-    args, out = parse_stage(stage_parser(__doc__))
+    parser = stage_parser(__doc__)
+    args = parse_stage(parser)
+    out = output_folder(parser, args)
     robot = RobotModel()
     print(f"{'body':8s} {'mass [kg]':>10s} {'centre of mass [m]':>22s} {'inertia [kg m²]':>26s}")
     for name, link in zip(("torso", "hip", "thigh", "shin", "foot"), (robot.torso, *robot.leg)):

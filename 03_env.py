@@ -54,15 +54,15 @@ class Task:
     # Our three:
     s_fall: float = 4.0  # [-] the price of a fall
     s_goal: float = 1.0  # [-] the prize at the goal
-    s_time: float = 0.01  # [-] per double step; for ever: 0.01 / (1 − γ) = 0.5, less than a fall
+    s_time: float = 0.01  # [-] per double step; never to arrive costs 0.01 / (1 − γ) = 0.5
 
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
 # robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
 GOAL_TABLE = (
     ("distance d, at most 3 m", "m", 0.0, 3.0),
-    ("near x: 2·d·cos β, at most ±0.5 m of goal", "2 m", -1.0, 1.0),
-    ("near y: 2·d·sin β, at most ±0.5 m of goal", "2 m", -1.0, 1.0),
+    ("near x: 2·d·cos β, at most ±0.5 m of goal", "m / 2", -1.0, 1.0),
+    ("near y: 2·d·sin β, at most ±0.5 m of goal", "m / 2", -1.0, 1.0),
     ("cos β", "1", -1.0, 1.0),
     ("sin β", "1", -1.0, 1.0),
     ("cos α", "1", -1.0, 1.0),
@@ -136,7 +136,8 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     """The seven scaled terms by name, each [n]; their sum is the reward.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]. Distance, angle and orientation pay for progress, so that going in circles pays nothing.
+    [0, 1]. Distance, angle and orientation pay for progress: undiscounted, going in circles pays
+    nothing, and with γ < 1 it costs.
     """
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
@@ -165,13 +166,12 @@ class FootstepWorld:
     """N robots on their way to N goals. Every method takes the indices [n] of some of them."""
 
     def __init__(self, num_robots, sim="pymunk", noise=False, imu=False, task=Task(), cores=None,
-                 parameters=None, limits=None, robot=robot_model.RobotModel()):  # fmt: skip
+                 robot=robot_model.RobotModel()):  # fmt: skip
         kind = robot_model.SIMULATORS[sim]
         self.task, self.imu, self.noise = task, imu, noise
-        self.limits = limits or walk_engine.LIMITS[sim]
-        self.engine = walk_engine.WalkEngine(
-            num_robots, parameters or walk_engine.TUNED[sim], robot, kind.planar
-        )
+        self.limits = walk_engine.LIMITS[sim]
+        parameters = walk_engine.TUNED[sim]
+        self.engine = walk_engine.WalkEngine(num_robots, parameters, robot, kind.planar)
         self.sim = kind(num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [None] * num_robots  # one generator a robot: its goal and its noise
@@ -473,7 +473,8 @@ def main():
     parser = robot_model.stage_parser(__doc__)
     parser.add_argument("--imu", action="store_true", help="tilt and angular velocity observed too")
     parser.add_argument("--benchmark", action="store_true", help="measure the speed")
-    args, out = robot_model.parse_stage(parser)
+    args = robot_model.parse_stage(parser)
+    out = robot_model.output_folder(parser, args)
     if args.benchmark:
         benchmark(args.sim)
         return

@@ -41,7 +41,6 @@ import json
 import os
 import shutil
 import sys
-import tempfile
 import time
 from dataclasses import asdict, dataclass
 from importlib import import_module  # `import 03_env`: a name may not start with a digit
@@ -478,6 +477,8 @@ def train(cfg, make_envs, out_dir, total_steps, seed=0, resume=False, fits=None,
     settings = plain({**(fits or {}), **(run or {}), "seed": seed, "steps": total_steps,
                       **asdict(cfg)})
     checkpoint_path, start, rows = out_dir / "checkpoint.pt", 0, []
+    if checkpoint_path.exists() and not resume:  # of an older training
+        os.replace(checkpoint_path, out_dir / "checkpoint.previous.pt")
     checkpoint = load_plain(checkpoint_path) if resume else None
     if checkpoint:
         mismatch = difference(checkpoint.get("settings", {}), settings)
@@ -499,7 +500,7 @@ def train(cfg, make_envs, out_dir, total_steps, seed=0, resume=False, fits=None,
                             int(np.prod(envs.single_action_space.shape)), cfg.hidden,
                             cfg.distribution, getattr(envs, "neutral_action", 0.5),
                             cfg.first_concentration)
-        optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)
+        optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [SB3]
         if checkpoint:
             model.load_state_dict(checkpoint["model"])
             optimizer.load_state_dict(checkpoint["optimizer"])
@@ -628,45 +629,37 @@ def gym_envs(env_id):
 
 
 def main(argv=None):
-    stage_parser = import_module("01_robot_model").StageParser
-    parser = stage_parser(prog=Path(__file__).name, description=__doc__.splitlines()[0])
-    parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
+    robot_model = import_module("01_robot_model")
+    parser = robot_model.stage_parser(__doc__, Path(__file__).name)
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
-    parser.add_argument("--noise", action="store_true", help="train with measurement noise")
+    parser.add_argument("--noise", action=argparse.BooleanOptionalAction, default=True,
+                        help="train with measurement noise")
     parser.add_argument("--steps", type=positive, help=f"double steps (default {STEPS:,})")
     parser.add_argument("--quick", action="store_true",
-                        help=f"{QUICK_STEPS:,} steps, into <out>/quick/")
+                        help=f"{QUICK_STEPS:,} steps, into runs/<sim>/quick/")
     parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, help="folder (default runs/<sim>/)")
     parser.add_argument("--env", metavar="ID", help="train on this Gymnasium environment instead")
-    args = parser.parse_args(argv)
-    if args.seed < 0:
-        parser.error(f"--seed {args.seed} is negative")
-    if args.env and (args.mujoco or args.imu or args.noise):
-        parser.error("--env cannot be combined with --mujoco, --imu or --noise")
+    args = robot_model.parse_stage(parser, argv)
+    if args.env and (args.mujoco or args.imu or not args.noise):
+        parser.error("--env cannot be combined with --mujoco, --imu or --no-noise")
 
-    sim = "mujoco" if args.mujoco else "pymunk"
-    out_dir = Path("runs") / (args.env.replace("/", "-").replace(":", "-") if args.env else sim)
-    out_dir = args.out or out_dir / ("imu" if args.imu else "") / ("quick" if args.quick else "")
+    sim, task = args.sim, args.env or args.sim
+    folder = Path("runs") / task.replace("/", "-").replace(":", "-")
+    folder = folder / ("imu" if args.imu else "") / ("quick" if args.quick else "")
     steps = args.steps or (QUICK_STEPS if args.quick else STEPS)
     cfg = PPOConfig(**PRESETS.get(args.env, {}))
-    try:
-        if args.env:
+    if args.env:
+        try:
             make_envs, fits = gym_envs(args.env), {"simulator": args.env}
-        else:
-            env_stage = import_module("03_env")
-            fits = env_stage.fingerprint(sim, args.imu)
+        except ValueError as error:
+            parser.error(str(error))
+    else:
+        env_stage = import_module("03_env")
+        fits = env_stage.fingerprint(sim, args.imu)
 
-            def make_envs(num_envs):
-                return env_stage.FootstepVectorEnv(num_envs, sim=sim, noise=args.noise,
-                                                   imu=args.imu)
-        out_dir.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out_dir):  # find out now, not after an hour
-            pass
-    except (ValueError, OSError, ImportError) as error:
-        parser.error(str(error))
-    task, started = args.env or sim, time.time()
+        def make_envs(num_envs):
+            return env_stage.FootstepVectorEnv(num_envs, sim, args.noise, args.imu)
+    out_dir = robot_model.output_folder(parser, args, folder)
     print(f"training on {task}: {steps:,} steps, seed {args.seed}, into {out_dir}")
     try:
         model, rows = train(cfg, make_envs, out_dir, steps, args.seed, args.resume, fits,
@@ -674,8 +667,7 @@ def main(argv=None):
     except (PolicyError, FloatingPointError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
-        saved = out_dir / "checkpoint.pt"  # of this training, or of an older one?
-        saved = args.resume or (saved.exists() and saved.stat().st_mtime >= started)
+        saved = (out_dir / "checkpoint.pt").exists()
         print("\ninterrupted:", "the same command with --resume continues from the last checkpoint"
               if saved else "too early to resume, no checkpoint was written yet", file=sys.stderr)
         sys.exit(130)

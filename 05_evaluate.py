@@ -37,7 +37,6 @@ import json
 import math
 import os
 import sys
-import tempfile
 import time
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -158,7 +157,10 @@ def time_ratio(trials, reference, resamples=2000):
 
 
 def lower_bound(goals, speed, period, task):
-    """No planner is faster [s], [n]: straight to the circle around the goal at the top speed."""
+    """Straight to the circle around the goal at the fastest stable speed, no turning; [n] [s].
+
+    Faster would be possible only at the risk of a fall, or by a last long step.
+    """
     # t ≥ (d − 0.05 m) / v, rounded up to whole double steps
     way = np.maximum(0.0, np.hypot(goals[:, 0], goals[:, 1]) - task.success_m)
     return np.ceil(way / (speed * period)) * period
@@ -236,7 +238,7 @@ def load_planner(path, sim):
 def decision_time(planner, world, count, repeats=100):
     """Wall-clock of one decision for `count` robots at once, from measured goal to action [µs]."""
     robots = np.arange(count)
-    measured = world.measure(robots)
+    measured = world.relative_goal(robots)
     clock = time.perf_counter()
     for _ in range(repeats):
         planner.act(world, robots, measured)
@@ -342,8 +344,8 @@ def read_goals(path):
 def compare(trials):
     """Time ratios of every policy to every baseline; trials by (planner, noise)."""
     ratios = []
-    for (planner, noise), (reference, other_noise) in product(trials, trials):
-        if planner.startswith("policy") and reference.startswith("base") and noise == other_noise:
+    for (planner, noise), reference in product(trials, ("baseline", "baseline_tuned")):
+        if planner.startswith("policy") and (reference, noise) in trials:
             ratio, interval, goals = time_ratio(trials[planner, noise], trials[reference, noise])
             entry = {"planner": planner, "reference": reference, "noise": noise, "goals": goals,
                      "time_ratio": ratio and round(ratio, 4),
@@ -478,10 +480,6 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
     torso, dt = walk["torso"][: round(longest / robot.control_dt)], robot.control_dt  # [M, 6]
     # The camera walks along: it keeps the torso's height and lean, but not its place and yaw.
     beside = torso * [0, 0, 1, 1, 1, 0]
-    legs, _ = robot_model.body_points(robot, beside, walk["joints"][: len(torso)])  # [M, 2, 5, 3]
-    depth, _, tall = robot.torso_box
-    x0, z0 = depth / 2, robot.hip_z  # [m] the box is drawn down to the hips
-    box = np.array([[-x0, z0], [x0, z0], [x0, tall], [-x0, tall]])  # [4, 2] x, z
     # How far the ground has moved past: the steps of the torso along its own heading.
     way = np.diff(torso[:, :2], axis=0, prepend=0)  # [M, 2]
     walked = np.cumsum(np.cos(torso[:, 5]) * way[:, 0] + np.sin(torso[:, 5]) * way[:, 1])  # [M]
@@ -493,12 +491,7 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
     def draw(tick):
         side.clear()
         top.clear()
-        for foot in (robot_model.RIGHT, robot_model.LEFT):  # the left leg is in front
-            line = legs[tick, foot][[0, 1, 2, 3, 4, 2]]  # [6, 3] hip, knee, ankle, heel, toe, ankle
-            side.plot(line[:, 0], line[:, 2], color=FEET[foot][1], lw=3)
-        # Pitch θ leans forward: x′ = x·cos θ + z·sin θ,  z′ = z·cos θ − x·sin θ + height
-        (x, z), cos, sin = box.T, np.cos(beside[tick, 4]), np.sin(beside[tick, 4])
-        side.fill(x * cos + z * sin, z * cos - x * sin + beside[tick, 2], "0.8", ec="k", zorder=3)
+        robot_model.draw_robot(side, robot, beside[tick], walk["joints"][tick])
         side.axhline(0, color="black", lw=1)
         marks = np.arange(-0.5, 0.6, 0.1) - walked[tick] % 0.1  # every 10 cm of ground
         side.plot(marks, 0 * marks - 0.012, "|", color="black")
@@ -593,12 +586,9 @@ def run(world, goals, planners, about, args, out, sim):
     bound = lower_bound(goals, speed, world.engine.period, world.task)
     rows = [summary(name, noise, t, world.task, bound) for (name, noise), t in trials.items()]
     ratios = compare(trials)
-    first = planners[next(iter(planners))]
-    decision = {n: round(decision_time(first, world, n) / n, 2) for n in (1, 64)}  # [µs]
     write_json(out / "evaluation.json", {
         "sim": sim, **about, "goals": args.goals or "stream evaluation", "seed": args.seed,
-        "decision_us_per_robot": decision, "fastest_speed": round(speed, 4),
-        "rows": rows, "ratios": ratios})
+        "fastest_speed": round(speed, 4), "rows": rows, "ratios": ratios})
     write_trials(out / "trials.csv", goals, trials)
     write_text(out / "table.md", table(rows, ratios, speed))
     columns = [(name, record(planners[name], world, FIGURE_GOALS, args.seed))
@@ -610,49 +600,40 @@ def run(world, goals, planners, about, args, out, sim):
         plot_animation(columns[1][1][0], out / "animation.gif", world.engine.robot)
         names.append("animation.gif")
     print("\n" + table(rows, ratios, speed))
+    planner = next(iter(planners.values()))
     print("one decision of the policy takes " + ", ".join(
-        f"{value:.1f} µs per robot for {n} at a time" for n, value in decision.items()))
+        f"{decision_time(planner, world, n) / n:.1f} µs per robot for {n} at a time"
+        for n in (1, 64)))
     print("written:", *(out / name for name in names))
 
 
 def main(argv=None):
     """Check everything first, walk, then write."""
-    head = __doc__.splitlines()[0]
-    parser = env.robot_model.StageParser(prog=Path(__file__).name, description=head)
-    parser.add_argument("--mujoco", action="store_true", help="3-D simulator instead of pymunk")
+    parser = robot_model.stage_parser(__doc__, Path(__file__).name)
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--episodes", type=ppo.positive, default=500, help="goals (default 500)")
     which.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
     parser.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
-    parser.add_argument("--out", type=Path, help="folder (default runs/<sim>/)")
-    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--gif", action="store_true", help="also draw animation.gif")
     parser.add_argument("--tune-baseline", action="store_true", help="write baseline_tuned.json")
-    args = parser.parse_args(argv)
-    if args.seed < 0:
-        parser.error(f"--seed {args.seed} is negative")
+    args = robot_model.parse_stage(parser, argv)
     if args.tune_baseline and (args.noise or args.goals or args.policy or args.gif):
         parser.error("--tune-baseline goes with --episodes, --seed, --out and --mujoco only")
 
-    sim, world = "mujoco" if args.mujoco else "pymunk", None
-    out = args.out or Path("runs") / sim
+    sim, world = args.sim, None
     torch.set_num_threads(1)  # a policy this small is slower on several threads
     try:
         purpose = "tuning" if args.tune_baseline else "evaluation"
         drawn = env.draw_goals(env.stream(purpose, args.seed), args.episodes)
         goals = read_goals(args.goals) if args.goals else drawn  # [n, 3]
         planners, about = ({}, {}) if args.tune_baseline else choose_planners(sim, args.policy)
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):  # find out now, not after the long work
-            pass
+        out = robot_model.output_folder(parser, args)
         world = env.FootstepWorld(max(len(goals), 64), sim)  # 64: for the decision's time
         if args.tune_baseline:
             tune_baseline(world, goals, args, out, sim)
         else:
             run(world, goals, planners, about, args, out, sim)
-    except ModuleNotFoundError as error:
-        parser.error(f"{error.name} is not installed: pip install -r requirements.txt")
     except (InputError, ppo.PolicyError, OSError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:

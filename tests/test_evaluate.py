@@ -298,7 +298,7 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys):
     refused(capsys, "--policy", good, "--seed", "-1")
     refused(capsys, "--tune-baseline", "--noise")
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "mujoco is not installed" in refused(capsys, "--mujoco", "--policy", other)
+    assert "pip install mujoco" in refused(capsys, "--mujoco", "--policy", other)
 
 
 def test_from_a_policy_file_to_the_table(tmp_path):

@@ -7,6 +7,7 @@ from importlib import import_module
 
 import mujoco
 import numpy as np
+import pymunk
 import pytest
 
 robot_model = import_module("01_robot_model")
@@ -273,6 +274,13 @@ def test_planar_foot_slides_with_the_friction_of_the_model(make_sim):
 
 
 # ---------------------------------------------------------------- motors and joints
+def separation(sim):
+    """Largest gap between the two bodies of any joint now [m]."""
+    joints = [joint for space in sim._local.spaces for joint in space.constraints]
+    return max((p.a.local_to_world(p.anchor_a) - p.b.local_to_world(p.anchor_b)).length
+               for p in joints if isinstance(p, pymunk.PivotJoint))
+
+
 @pytest.mark.parametrize("yaw", [0.0, 0.3])
 def test_planar_joints_stay_together_and_motors_keep_their_limits(make_sim, yaw):
     plans, stance = walking("pymunk", 2, [[0.1, 0, yaw], [0.1, 0, -yaw]], 5)
@@ -280,7 +288,7 @@ def test_planar_joints_stay_together_and_motors_keep_their_limits(make_sim, yaw)
     limit, gap, torque, joints = np.tile(ROBOT.torque_limit, 2), 0.0, 0.0, []
     for piece in (piece for plan in plans for piece in pieces(plan)):
         motion = sim.run(piece, np.arange(2))
-        gap, torque = max(gap, sim.separation()), np.maximum(torque, sim.torque())
+        gap, torque = max(gap, separation(sim)), np.maximum(torque, sim.torque())
         joints.append(motion.joints[:, -1])
     assert 1e-6 < gap < 0.002, f"{1000 * gap:.2f} mm apart: more solver iterations"
     assert np.all(torque <= limit + 1e-6), "does every motor have its max_force?"
@@ -387,7 +395,6 @@ def test_planar_robots_in_two_processes_move_as_in_one(make_sim):
             np.testing.assert_array_equal(getattr(got, field), getattr(want, field), err_msg=(
                 f"{field}: are rows and robots matched after spreading them over workers?"))
     np.testing.assert_array_equal(two.torque(), one.torque())
-    assert two.separation() == one.separation()
     two.power(False)
     assert standing(two, 2.0).fell.all(), "motors off must reach every process"
     processes = list(two._processes)
