@@ -8,12 +8,13 @@
     python tests/studies.py robustness   the same policy in a finer, slipperier or weaker world
     python tests/studies.py ablations    what is left without each ingredient of the learning
 
-(all with `--mujoco` in 3-D). Each writes numbers (.json), README's table (.md) and a figure (.png)
-to results/<sim>/studies/. Trainings and trials are kept in runs/studies/<sim>/ under a name made
-from everything they depend on: an interrupted study continues, a repeated one is quick.
+(all with `--mujoco` in 3-D). Each writes numbers (.json), README's table (.md) and most a figure
+(.png) to results/<sim>/studies/. Trainings and trials are kept in runs/studies/<sim>/ under a name
+made from every setting they depend on: an interrupted study continues, a repeated one is quick.
+(Code is not part of the name: after changing it, delete the folder.)
 
-The 500 goals of evaluation seed 0 are those of README's first tables; here the seeds 1, 2, 3, …
-are used, 500 goals each. No training and no tuning ever sees any of them.
+The 500 goals of evaluation seed 0 are those of README's first tables (and of `times`); all others
+use the seeds 1, 2, 3, …, 500 goals each. No training and no tuning ever sees any of them.
 """
 
 import argparse
@@ -63,8 +64,8 @@ def digest(*ingredients):
 def train(sim, seed, imu=False):
     """The command a user would give, unless its policy is there already; returns its folder."""
     out = store(sim) / f"train_imu{seed}_" if imu else store(sim) / f"train{seed}_"
-    out = out.with_name(out.name + digest(
-        env.fingerprint(sim, imu), env.Task(), ppo.PPOConfig(), ppo.STEPS))
+    made_for = env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel()
+    out = out.with_name(out.name + digest(*made_for, ppo.PPOConfig(), ppo.STEPS))
     if not (out / "policy.pt").is_file():
         resume = ["--resume"] if (out / "checkpoint.pt").is_file() else []
         flags = ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu + resume
@@ -321,7 +322,7 @@ def falls(sim):
     axes[0].add_patch(plt.Circle((0, 0), 0.4, fill=False, ec="0.5", ls=":"))
     axes[0].plot(0, 0, "k>", ms=8)
     axes[0].set(title="goal, seen from the robot before the step", xlabel="ahead [m]",
-                ylabel="left [m]", aspect="equal")  # fmt: skip
+                ylabel="left [m]", aspect="equal", xlim=(-2, 2), ylim=(-2, 2))  # fmt: skip
     axes[1].set(title="forward step length", xlabel="of the step before [m]",
                 ylabel="of the step of the fall [m]", aspect="equal")  # fmt: skip
     axes[2].set(title="moment of the fall", xlabel="share of the double step: left swing, right",
@@ -346,15 +347,15 @@ def noise(sim):
     trials.close()
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained", sharex=True)
     names = list(dict.fromkeys(row["planner"] for row in rows))
-    for name in names:
+    for shift, name in enumerate(names):
         own = [row for row in rows if row["planner"] == name]
-        x = np.array([row["size"] for row in own]) * env.Task().noise_m * 100
+        x = np.array([row["size"] for row in own]) * env.Task().noise_m * 100 + 0.1 * shift
         for axis, key in zip(axes, ("success", "fall", "time_mean"), strict=True):
             y = np.array([row[key] if row[key] is not None else np.nan for row in own])
             axis.plot(x, y, ".-", color=COLORS[name], label=name)
             if f"{key}_ci95" in own[0]:
-                axis.fill_between(x, *np.transpose([row[f"{key}_ci95"] for row in own]),
-                                  color=COLORS[name], alpha=0.12, lw=0)  # fmt: skip
+                bounds = np.transpose([row[f"{key}_ci95"] for row in own])
+                axis.vlines(x, *bounds, color=COLORS[name], alpha=0.4, lw=1)
     axes[0].set(title="success", ylabel="share of 500 goals [1]")
     axes[1].set(title="fall", ylabel="share of 500 goals [1]")
     axes[2].set(title="time of successes", ylabel="mean [s]", ylim=(0, None))
@@ -362,7 +363,8 @@ def noise(sim):
         axis.set(xlabel="noise of x and y [cm], of yaw [0.01 rad]")
         axis.grid(alpha=0.3)
     axes[0].legend(fontsize=8)
-    figure.suptitle(f"The worse the robot knows its goal ({sim}; 5 cm is the task's noise)")
+    figure.suptitle(f"The worse the robot knows its goal ({sim}; 5 cm is the task's noise; "
+                    "lines: 95 % intervals)")
     lines = [[f"{100 * size * env.Task().noise_m:.1f}", *(
         "{success:.3f} / {fall:.3f} / {time:.1f}".format(**r, time=r["time_mean"] or np.nan)
         for name in names for r in rows if (r["planner"], r["size"]) == (name, size)
@@ -383,18 +385,19 @@ def times(sim):
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained", sharey=True)
     lines, content = [], []
     goals = np.array([[float(r[k]) for k in ("x", "y", "yaw")] for r in by["policy", "no"]])
+    distance = np.hypot(*goals[:, :2].T)  # [m]
     engine = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED[sim])
     bound = evaluate.lower_bound(goals, facts["fastest_speed"], engine.period, env.Task())
     for axis, noisy in zip(axes, ("no", "yes"), strict=True):
-        order = np.argsort(bound)
-        axis.plot(np.hypot(*goals[order, :2].T), bound[order], "k", lw=1, label="lower bound")
+        order = np.argsort(distance)
+        axis.plot(distance[order], bound[order], "k", lw=1.5, zorder=3, label="lower bound")
         for name in COLORS:
             if (name, noisy) not in by:
                 continue
             own = by[name, noisy]
             time = np.array([float(r["time"]) if r["outcome"] == "success" else np.nan
                              for r in own])  # fmt: skip
-            axis.plot(np.hypot(*goals[:, :2].T), time, ".", ms=3, color=COLORS[name], label=name)
+            axis.plot(distance, time, ".", ms=3, color=COLORS[name], label=name)
             if name.startswith("baseline"):
                 policy = np.array([float(r["time"]) if r["outcome"] == "success" else np.nan
                                    for r in by["policy", noisy]])  # fmt: skip
@@ -494,7 +497,7 @@ def ablate(sim, name, seed):
     task = replace(env.Task(), **variant.get("task", {}))
     use_imu, hide = variant.get("imu", False), variant.get("hide", False)
     # A resumable folder per training; PPO's own file says what it was made for.
-    key = digest(env.fingerprint(sim, use_imu), task, cfg, variant, STEPS)
+    key = digest(robot_model.RobotModel(), env.fingerprint(sim, use_imu), task, cfg, variant, STEPS)
     out = store(sim) / "ablations" / f"{''.join(c for c in name if c.isalnum())}_{seed}_{key}"
     result = out / "result.json"
     if result.is_file():
