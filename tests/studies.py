@@ -214,18 +214,22 @@ def seeds(sim):
     order = sorted(noisy, key=lambda row: (row["success"], -row["time_mean"]))
     median = order[len(order) // 2]["seed"]
     keys = ["success", "fall", "timeout", "stays_up", "time_mean", *(f"over_{k}" for k in others)]
+    digits = [4, 4, 4, 4, 2, 3, 3]
     lines = []
+
+    def cells(row):
+        return [f"{row[key]:.{n}f}" if key in row else "" for key, n in zip(keys, digits)]
+
     for noise in (False, True):
         chosen = [row for row in mine if row["noise"] == noise]
         for row in chosen:
             label = f"{row['seed']}" + " (shipped)" * (row["seed"] == median)
-            lines.append([yes(noise), label, *(f"{row[key]:.4f}" for key in keys)])
-        means = [np.mean([row[key] for row in chosen]) for key in keys]
-        lines.append([yes(noise), "mean", *(f"{mean:.4f}" for mean in means)])
+            lines.append([yes(noise), label, *cells(row)])
+        mean = {key: np.mean([row[key] for row in chosen]) for key in keys}
+        lines.append([yes(noise), "mean", *cells(mean)])
         for name in others:
             row = next(r for r in rows if r["planner"] == name and r["noise"] == noise)
-            filled = [f"{row[key]:.4f}" if key in row else "" for key in keys]
-            lines.append([yes(noise), name, *filled])
+            lines.append([yes(noise), name, *cells(row)])
     head = ["noise", "training seed", "success", "fall", "timeout", "still up", "time [s]",
             *(f"÷ {name}" for name in others)]  # fmt: skip
     for seed, folder in folders.items():  # the evidence
