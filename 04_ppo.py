@@ -123,6 +123,7 @@ def clipped_objective(ratio, advantage, clip):
 
 
 def value_loss(values, returns):
+    """Mean squared error of the critic's predictions; both [B]."""
     # L_V = mean (V(s_t) − R_t)²   with R_t = A_t + V_old(s_t)
     return ((values - returns) ** 2).mean()
 
@@ -147,6 +148,7 @@ def explained_variance(values, returns):
 
 # ---------------------------------------------------------------- the Beta distribution on [0, 1]
 def log_beta_function(alpha, beta):
+    """Logarithm of the Beta function, which norms the density; elementwise."""
     # ln B(α, β) = ln Γ(α) + ln Γ(β) − ln Γ(α + β)
     return torch.lgamma(alpha) + torch.lgamma(beta) - torch.lgamma(alpha + beta)
 
@@ -198,10 +200,12 @@ class BetaHead(nn.Module):
         wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)  # [2k]
         self.first_bias = torch.log(torch.expm1(wanted))  # softplus⁻¹(y) = ln(eʸ − 1)
 
-    def forward(self, raw):  # [N, 2k] -> α [N, k], β [N, k]; the bound keeps α+β finite
+    def forward(self, raw):
+        """[N, 2k] -> α [N, k], β [N, k]; the bound keeps α+β finite."""
         return (1.0 + softplus(raw).clamp(max=1e3)).chunk(2, dim=-1)
 
-    def sample(self, alpha, beta):  # exactly 0 or 1 would have an infinite log-probability
+    def sample(self, alpha, beta):
+        """Actions [N, k]; exactly 0 or 1 would have an infinite log-probability."""
         return torch.distributions.Beta(alpha, beta).sample().clamp(1e-6, 1.0 - 1e-6)
 
     log_prob = staticmethod(beta_log_prob)
@@ -221,18 +225,22 @@ class GaussianHead(nn.Module):
         std = (4.0 * (concentration + 1.0)) ** -0.5  # that of a Beta with mean 0.5, α+β = c
         self.log_std = nn.Parameter(torch.full_like(first_action, std).log())  # [k]
 
-    def forward(self, raw):  # [N, k] -> mean [N, k], standard deviation [N, k]
+    def forward(self, raw):
+        """[N, k] -> mean [N, k], standard deviation [N, k]."""
         return raw, self.log_std.exp().expand_as(raw)
 
     sample = staticmethod(torch.normal)
 
     def log_prob(self, x, mean, std):
+        """Log-density of the unclipped actions [N, k] -> [N]."""
         return torch.distributions.Normal(mean, std, validate_args=False).log_prob(x).sum(-1)
 
     def entropy(self, mean, std):
+        """[N, k] -> [N] [nats]."""
         return torch.distributions.Normal(mean, std, validate_args=False).entropy().sum(-1)
 
     def mode(self, mean, std):
+        """The most likely action that the environment accepts, [N, k]."""
         return mean.clamp(0.0, 1.0)
 
 
@@ -255,13 +263,16 @@ class ActorCritic(nn.Module):
         self.actor[-1].bias.data.copy_(self.head.first_bias)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
 
-    def value(self, obs):  # [N, obs] -> [N]
+    def value(self, obs):
+        """The critic's V(s): [N, obs] -> [N]."""
         return self.critic(obs).squeeze(-1)
 
-    def policy(self, obs):  # [N, obs] -> two parameters [N, act] of the distribution
+    def policy(self, obs):
+        """[N, obs] -> the two parameters of the distribution, each [N, act]."""
         return self.head(self.actor(obs))
 
-    def sample(self, obs):  # [N, obs] -> [N, act]
+    def sample(self, obs):
+        """Actions drawn for exploration: [N, obs] -> [N, act]."""
         with torch.no_grad():
             return self.head.sample(*self.policy(obs))
 
@@ -291,11 +302,12 @@ def atomic_write(path, write):
 
 
 def load_plain(path):
+    """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
     path = Path(path)
     if not path.is_file():
         raise PolicyError(f"{path}: no such file")
     try:
-        stored = torch.load(path, map_location="cpu", weights_only=True)  # runs no foreign code
+        stored = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many types, with messages of many lines
         raise PolicyError(f"{path}: damaged, or not a file of plain tensors") from error
     if not isinstance(stored, dict) or stored.get("format") != 1:
@@ -346,6 +358,7 @@ def load_policy(path, fits=None):
 
 
 def write_csv(path, rows):
+    """The log, one row per update, columns as in COLUMNS."""
     table = [[row[name] for name in COLUMNS] for row in rows]
     atomic_write(path, lambda temporary: np.savetxt(
         temporary, table, fmt="%.6g", delimiter=",", header=",".join(COLUMNS), comments=""))
@@ -362,6 +375,7 @@ class Collector:
         self.low, self.span, self.shape = box.low, box.high - box.low, box.shape
 
     def reset(self, seed):
+        """Fresh episodes in all environments."""
         obs, _ = self.envs.reset(seed=seed)
         self.obs = obs.reshape(len(obs), -1)  # [N, obs]
         self.returns, self.lengths = np.zeros(len(obs)), np.zeros(len(obs))  # [N]
@@ -606,6 +620,7 @@ def plot_learning_curve(rows, path, title):
 
 # ---------------------------------------------------------------- command line
 def positive(text):
+    """A command line's whole number above 0."""
     if not text.isdigit() or int(text) == 0:
         raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
     return int(text)
@@ -630,6 +645,7 @@ def gym_envs(env_id):
 
 
 def main(argv=None):
+    """See the head of this file."""
     robot_model = import_module("01_robot_model")
     parser = robot_model.stage_parser(__doc__, Path(__file__).name)
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
