@@ -15,7 +15,7 @@ learning_curve.csv and learning_curve.png in runs/<sim>/. The goal is measured w
 stage 05's harder rows (--no-noise: exactly). The paper took 1,000,000 steps. On two cores
 (2026-11-21, seed 0) --steps 300000 takes 3.5 minutes on pymunk and 5.2 in MuJoCo, 0.05 ms per step
 for learning, the rest simulation. --quick takes 45 seconds on pymunk; its policy reaches all of
-stage 05's 500 goals, too, but needs 13.8 s where that of the default needs 4.0 s.
+stage 05's 500 goals without noise, but needs 13.8 s where the shipped one needs 4.0 s.
 
 The Pendulum command takes 20 seconds; its deterministic policy then returns −161, −162, −160 with
 --seed 0, 1, 2 (mean of 100 episodes; an untrained one about −1200).

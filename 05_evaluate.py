@@ -179,7 +179,7 @@ def summary(planner, noise, trials, task, bound=None):
     rates["stays_up"] = int(trials["stays_up"].sum()), int(reached.sum())
     for name, (count, total) in rates.items():
         row[name] = round(count / total, 4) if total else None  # None: there was no success
-        row[f"{name}_ci95"] = [round(bound, 4) for bound in wilson(count, total)]
+        row[f"{name}_ci95"] = [round(edge, 4) for edge in wilson(count, total)]
     times = trials["time"][reached]  # [s]
     row["time_mean"] = round(float(times.mean()), 3) if len(times) else None
     row["time_std"] = round(float(times.std()), 3) if len(times) else None
@@ -380,7 +380,7 @@ def table(rows, ratios, speed=None):
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["| " + " | ".join(map(str.ljust, line, widths)) + " |" for line in cells]
     if speed:
-        lines += ["", f"Bound: straight ahead at the fastest stable speed, {speed:.2f} m/s."]
+        lines += ["", f"Bound: a straight line at the fastest stable speed, {speed:.2f} m/s."]
     lines += ["", "Mean success time relative to another planner, over the goals both reached:", ""]
     for r in ratios:
         text = "no goal was reached by both"

@@ -465,7 +465,7 @@ VARIANTS = {  # name: what differs from the reference
     **{f"without r_{k}": {"task": {f"s_{k}": 0.0}}
        for k in ("d", "a", "o", "c", "fall", "goal", "time")},
 }  # fmt: skip
-LATER = slice(14, 20)  # the action before the last one, in the observation
+LATER = slice(len(env.GOAL_TABLE) + 6, len(env.GOAL_TABLE) + 12)  # the action before the last one
 
 
 class HiddenEnv(env.FootstepVectorEnv):
@@ -546,10 +546,10 @@ def ablations(sim):
     lines = []
     for place, name in enumerate(VARIANTS):
         own = [row for row in rows if row["variant"] == name]
-        for axis, key, scale in ((left, "success", 1), (right, "time_mean", 1)):
+        for axis, key in ((left, "success"), (right, "time_mean")):
             values = np.array([row[key] if row[key] is not None else np.nan for row in own])
             color = "tab:blue" if name != "reference" else "k"
-            axis.plot(values * scale, np.full(len(own), place), "o", color=color, alpha=0.6)
+            axis.plot(values, np.full(len(own), place), "o", color=color, alpha=0.6)
             axis.plot(np.nanmean(values), place, "|", color=color, ms=18)
         cells = []
         for key, digits in (("success", 3), ("fall", 3), ("timeout", 3), ("time_mean", 2)):
