@@ -438,15 +438,15 @@ def memory():
     return sum(1024 * int(re.search(r"VmRSS:\s+(\d+)", text)[1]) for text in statuses)
 
 
-def benchmark(sim):
-    """Prints double steps per second of the environment and of bare physics, 1 to 256 robots.
+def benchmark(sim, counts=(1, 4, 16, 64, 256)):
+    """Prints double steps per second of the environment and of bare physics, by number of robots.
 
     Bare physics: the same physics steps of the same walk, timed inside the simulator, without
     plans, motor targets, measurements and rewards.
     """
     head = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
     print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s} {:>13s}   [double steps/s]".format(*head))
-    for count in (1, 4, 16, 64, 256):
+    for count in counts:
         env = FootstepVectorEnv(count, sim)
         env.world.sim.bare_seconds()  # by its answer all worker processes have started
         empty = memory()

@@ -439,3 +439,17 @@ def test_demonstration_planner_reaches_goals(make, sim):
     assert set(outcome) <= {"success", "fall", "timeout"}
     assert np.mean(outcome == "success") > 0.5, f"the task must be solvable: {outcome}"
     assert np.all(seconds > 0) and len(parts) == round(seconds[0] / world.engine.period)
+
+
+@BOTH
+def test_benchmark_compares_with_the_physics_inside(sim, capsys):
+    env.benchmark(sim, counts=(1, 3))
+    head, *rows = capsys.readouterr().out.splitlines()
+    columns = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
+    assert all(name in head for name in columns)
+    for count, row in zip((1, 3), rows, strict=True):
+        robots, speed, bare, ratio, planning, _ = (float(cell) for cell in row.split())
+        assert robots == count
+        assert ratio == pytest.approx(speed / bare, abs=0.01)
+        assert 0 < ratio < 1, "bare physics is a part of what the environment does"
+        assert 0 < planning < 1 - ratio + 0.01, "a share of the time that physics leaves"
