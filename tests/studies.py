@@ -163,6 +163,23 @@ def row_of(trials, name, noise):
     return evaluate.summary(name, noise, trials, env.Task())
 
 
+def median_seed(rows):
+    """The training seed in the middle: by success, then by time. Not the best one."""
+    order = sorted(rows, key=lambda row: (row["success"], -row["time_mean"]))
+    return order[len(order) // 2]["seed"]
+
+
+def keep(folders, median, results):
+    """Ships the median of the trainings, and all of them as evidence."""
+    for seed, folder in folders.items():
+        target = results / "seeds" / str(seed)
+        target.mkdir(parents=True, exist_ok=True)
+        for name in ("policy.pt", "learning_curve.csv"):
+            shutil.copyfile(folder / name, target / name)
+    for name in ("policy.pt", "learning_curve.csv", "learning_curve.png"):
+        shutil.copyfile(folders[median] / name, results / name)
+
+
 # ---------------------------------------------------------------- output
 def markdown(head, rows):
     """A table in Markdown, columns aligned."""
@@ -210,9 +227,8 @@ def seeds(sim):
             rows.append(row)
     trials.close()
     mine = [row for row in rows if row["seed"] is not None]
-    noisy = [row for row in mine if row["noise"]]
-    order = sorted(noisy, key=lambda row: (row["success"], -row["time_mean"]))
-    median = order[len(order) // 2]["seed"]
+    median = median_seed([row for row in mine if row["noise"]])
+    keep(folders, median, results)
     keys = ["success", "fall", "timeout", "stays_up", "time_mean", *(f"over_{k}" for k in others)]
     digits = [4, 4, 4, 4, 2, 3, 3]
     lines = []
@@ -232,13 +248,6 @@ def seeds(sim):
             lines.append([yes(noise), name, *cells(row)])
     head = ["noise", "training seed", "success", "fall", "timeout", "still up", "time [s]",
             *(f"÷ {name}" for name in others)]  # fmt: skip
-    for seed, folder in folders.items():  # the evidence
-        target = results / "seeds" / str(seed)
-        target.mkdir(parents=True, exist_ok=True)
-        for name in ("policy.pt", "learning_curve.csv"):
-            shutil.copyfile(folder / name, target / name)
-    for name in ("policy.pt", "learning_curve.csv", "learning_curve.png"):
-        shutil.copyfile(folders[median] / name, results / name)
     content = {"goals": 4 * PER_SEED, "median_seed": median, "rows": rows}
     publish(sim, "seeds", content, markdown(head, lines), plot_seeds(folders, sim))
 
@@ -277,27 +286,38 @@ def plot_seeds(folders, sim):
 
 
 def imu(sim):
-    """The policy that feels its torso's tilt, against the one that does not: 5,000 noisy goals."""
-    folder = ROOT / "results" / sim / "imu"
-    folder.mkdir(parents=True, exist_ok=True)
-    trained = train(sim, SEEDS[0], imu=True)
-    for name in ("policy.pt", "learning_curve.csv", "learning_curve.png"):
-        shutil.copyfile(trained / name, folder / name)
-    trials, rows, outcomes = Trials(sim), [], {}
-    for name in ("policy", "policy_imu"):
-        planner, key = shipped(sim)[name]
-        outcomes[name] = trials.run(name, planner, key, True, count=10)
-        rows.append(row_of(outcomes[name], name, True))
+    """Three policies that feel their torso's tilt against three that do not: 5,000 noisy goals."""
+    results = ROOT / "results" / sim
+    folders = {seed: train(sim, seed, imu=True) for seed in SEEDS}
+    files = {"policy": {seed: results / "seeds" / str(seed) / "policy.pt" for seed in SEEDS},
+             "policy_imu": {seed: folder / "policy.pt" for seed, folder in folders.items()}}
+    trials, rows, pooled = Trials(sim), [], {}
+    for name, paths in files.items():
+        own = {seed: policy_trials(trials, path, f"{name}{seed}", True, count=10)
+               for seed, path in paths.items()}  # fmt: skip
+        rows += [{"seed": seed, **row_of(own[seed], name, True)} for seed in SEEDS]
+        kept = ("outcome", "time", "stays_up")
+        pooled[name] = {key: np.concatenate([t[key] for t in own.values()]) for key in kept}
     trials.close()
-    ratio, interval, _ = evaluate.time_ratio(outcomes["policy_imu"], outcomes["policy"])
-    lines = [[row["planner"], f"{row['success']:.4f}",
-              "{:.4f} [{:.4f}, {:.4f}]".format(row["fall"], *row["fall_ci95"]),
-              f"{row['timeout']:.4f}", f"{row['time_mean']:.2f}"] for row in rows]  # fmt: skip
-    text = markdown(["planner", "success", "fall [95 % interval]", "timeout", "time [s]"], lines)
-    text += "\nTime with IMU ÷ time without, over the goals both reached: "
+    together = [{"seed": None, **row_of(pooled[name], name, True)} for name in files]
+    median = median_seed([row for row in rows if row["planner"] == "policy_imu"])
+    keep(folders, median, results / "imu")
+    ratio, interval, _ = evaluate.time_ratio(pooled["policy_imu"], pooled["policy"])
+    lines = []
+    for mean in together:
+        for row in [*(row for row in rows if row["planner"] == mean["planner"]), mean]:
+            shipped = row["planner"] == "policy_imu" and row["seed"] == median
+            label = "all three" if row is mean else f"{row['seed']}" + " (shipped)" * shipped
+            fall = "{:.4f} [{:.4f}, {:.4f}]".format(row["fall"], *row["fall_ci95"])
+            lines.append([row["planner"], label, f"{row['success']:.4f}", fall,
+                          f"{row['timeout']:.4f}", f"{row['time_mean']:.2f}"])  # fmt: skip
+    text = markdown(["planner", "training seed", "success", "fall [95 % interval]", "timeout",
+                     "time [s]"], lines)  # fmt: skip
+    text += "\nTime with IMU ÷ time without, same training seed, over the goals both reached: "
     text += "{:.3f} [{:.3f}, {:.3f}]\n".format(ratio, *interval)
-    content = {"goals": 10 * PER_SEED, "rows": rows, "time_ratio": ratio, "ci95": interval}
-    publish(sim, "imu", content, text)
+    publish(sim, "imu", {"goals": 10 * PER_SEED, "median_seed": median, "rows": rows,
+                         "together": together, "time_ratio": ratio, "ci95": interval},
+            text)  # fmt: skip
 
 
 def falls(sim):
