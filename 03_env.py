@@ -256,6 +256,29 @@ class FootstepWorld:
         self.sim.close()
 
 
+def walk_episodes(world, act, robots, watch=None):
+    """Walk until the episode of each of these robots [n], just reset, has ended.
+
+    act(world, robots, measured) returns actions [m, 6] for the robots that still walk and the
+    goals [m, 3] that they measured; watch(robots, result) is called after every `world.step`.
+    Returns outcomes [n]: "success", "fall" or "timeout".
+    """
+    outcome = np.full(len(world.steps), "running", "<U7")
+    active = np.asarray(robots)
+    while len(active):
+        measured = world.measure(active)  # [m, 3] one measurement per decision
+        actions = act(world, active, measured)  # [m, 6]
+        if np.shape(actions) != (len(active), 6) or not np.isfinite(actions).all():
+            raise ValueError(f"a planner must return {len(active)} × 6 finite numbers in [0, 1]")
+        result = world.step(actions, active)
+        for name in ("success", "fall", "timeout"):  # judged by the pose that physics made
+            outcome[active[result[name]]] = name
+        if watch:
+            watch(active, result)
+        active = active[outcome[active] == "running"]
+    return outcome[robots]
+
+
 def spaces(imu):
     """Observation and action space of one robot."""
     low, high = np.array([row[2:] for row in observation_table(imu)], np.float32).T
@@ -367,43 +390,21 @@ gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=Footste
 # ---------------------------------------------------------------------------- demonstration
 
 
-def hand_written(world, robots):
+def hand_written(world, robots, measured):
     """A planner to compare with: turn towards the goal, walk, turn to its orientation.
 
     It takes half of what the limits allow and knows nothing about dynamics. Actions [n, 6].
     """
-    goal = world.measure(robots)
-    d, alpha, beta = polar(goal)
+    d, alpha, beta = polar(measured)
     turn = np.where(d > 0.5, beta, alpha)  # [n] where to look
     low, high = np.array(world.limits.low) / 2, np.array(world.limits.high) / 2
     footsteps = np.zeros((len(robots), 2, 3))
     # Two steps share the way forward; sideways only the leading foot steps outward.
-    footsteps[:, :, 0] = np.clip(goal[:, 0] / 2, low[0], high[0])[:, None]
-    footsteps[:, 0, 1] = np.clip(goal[:, 1], 0, high[1])
-    footsteps[:, 1, 1] = np.clip(-goal[:, 1], 0, high[1])
+    footsteps[:, :, 0] = np.clip(measured[:, 0] / 2, low[0], high[0])[:, None]
+    footsteps[:, 0, 1] = np.clip(measured[:, 1], 0, high[1])
+    footsteps[:, 1, 1] = np.clip(-measured[:, 1], 0, high[1])
     footsteps[:, :, 2] = np.clip(turn / 2, low[2], -low[2])[:, None] * walk_engine.MIRROR[:, 2]
     return to_action(footsteps, world.limits)
-
-
-def episodes(world, planner, rngs):
-    """One episode of every robot; planner(world, robots) -> actions [n, 6].
-
-    Returns the outcome of each ("success", "fall", "timeout"), its time [s], and the reward terms
-    of robot 0 as a list of dicts.
-    """
-    count = len(rngs)
-    world.reset(np.arange(count), rngs)
-    outcome, seconds, terms = np.full(count, "        "), np.zeros(count), []
-    active = np.arange(count)
-    while len(active):
-        result = world.step(planner(world, active), active)
-        if active[0] == 0:
-            terms.append({name: value[0] for name, value in result["reward_terms"].items()})
-        for name in ("success", "fall", "timeout"):
-            outcome[active[result[name]]] = name
-        seconds[active] = result["time"]
-        active = active[~(result["success"] | result["fall"] | result["timeout"])]
-    return outcome, seconds, terms
 
 
 def plot_terms(terms, path, title):
@@ -491,19 +492,25 @@ def main():
 
     dice = stream("training", args.seed, 0)
     planners = {
-        "random": lambda world, robots: dice.random((len(robots), 6)),
+        "random": lambda world, robots, measured: dice.random((len(robots), 6)),
         "hand-written": hand_written,
     }
     head = ("success", "fall", "timeout", "time of success [s]")
     print(f"\n{count} goals {head[0]:>14s} {head[1]:>8s} {head[2]:>8s} {head[3]:>20s}")
     clock = time.perf_counter()
-    steps = 0
+    steps, everybody = 0, np.arange(count)
     for title, planner in planners.items():
-        rngs = [stream("training", args.seed, 1 + i) for i in range(count)]
-        outcome, seconds, terms = episodes(world, planner, rngs)
-        steps += int(np.sum(seconds / world.engine.period))
-        good = seconds[outcome == "success"]
+        terms = []  # of robot 0, a dict per double step
+
+        def watch(robots, result):
+            if robots[0] == 0:
+                terms.append({name: r[0] for name, r in result["reward_terms"].items()})
+
+        world.reset(everybody, [stream("training", args.seed, 1 + i) for i in everybody])
+        outcome = walk_episodes(world, planner, everybody, watch)
+        steps += world.steps.sum()
         shares = [np.mean(outcome == name) for name in ("success", "fall", "timeout")]
+        good = world.steps[outcome == "success"] * world.engine.period  # [s]
         print(f"{title:13s} {shares[0]:9.2f} {shares[1]:8.2f} {shares[2]:8.2f} "
               f"{good.mean() if len(good) else math.nan:20.1f}")  # fmt: skip
     took = time.perf_counter() - clock

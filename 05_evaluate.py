@@ -224,11 +224,11 @@ class PolicyPlanner:
 
 def load_planner(path, sim):
     """The PolicyPlanner of a file and a plain description of it; PolicyError if it does not fit."""
-    _, meta = ppo.load_policy(path)
+    model, meta = ppo.load_policy(path)
     imu = meta["fits"].get("observation") == env.fingerprint(sim, imu=True)["observation"]
-    model, meta = ppo.load_policy(path, fits=env.fingerprint(sim, imu))
     shape = {"obs_dim": len(env.observation_table(imu)), "act_dim": len(env.ACTION_NAMES)}
-    mismatch = ppo.difference({key: meta[key] for key in shape}, shape)
+    mismatch = (ppo.difference(meta["fits"], ppo.plain(env.fingerprint(sim, imu)))
+                or ppo.difference({key: meta[key] for key in shape}, shape))
     if mismatch:
         raise ppo.PolicyError(f"{path}: this policy does not fit: {mismatch}")
     trained = {key: meta.get(key) for key in ("steps", "minutes", "seed")}
@@ -246,36 +246,20 @@ def decision_time(planner, world, count, repeats=100):
 
 
 # ---------------------------------------------------------------- trials
-def evaluate(planner, world, goals, seed=0, noise=False, watch=None, bar=None):
+def evaluate(planner, world, goals, seed=0, noise=False, watch=None):
     """Walk robot i to goals[i] [n, 3], all at the same time, until each trial has ended.
 
     Returns arrays [n]: outcome, time [s], steps, stays_up (still standing after two more double
-    steps in place). watch(robots, result) is called after every `world.step`; bar: tqdm.
+    steps in place). watch(robots, result) is called after every `world.step`.
     """
-    n = len(goals)
-    everybody = np.arange(n)
+    everybody = np.arange(len(goals))
     # One generator per goal: its noise depends neither on the planner nor on the other goals.
     # i + 1, because numpy takes (seed, 0) for the same as (seed), the generator of the goals.
     world.noise = noise
     world.reset(everybody, [env.stream("evaluation", seed, i + 1) for i in everybody], goals)
-    planner.reset(n)
-    outcome = np.full(n, "running", dtype="<U7")
-    active = everybody
-    while len(active):
-        measured = world.measure(active)  # [m, 3] one measurement per decision
-        actions = planner.act(world, active, measured)  # [m, 6]
-        if np.shape(actions) != (len(active), 6) or not np.isfinite(actions).all():
-            raise ValueError(f"a planner must return {len(active)} × 6 finite numbers in [0, 1]")
-        result = world.step(actions, active)
-        for name in OUTCOMES:  # judged by the simulator's pose, never by the commanded one
-            outcome[active[result[name]]] = name
-        if watch:
-            watch(active, result)
-        remaining = active[outcome[active] == "running"]
-        if bar:
-            bar.update(len(active) - len(remaining))
-        active = remaining
-    steps = world.steps[:n].copy()
+    planner.reset(len(goals))
+    outcome = env.walk_episodes(world, planner.act, everybody, watch)
+    steps = world.steps[everybody]
     up = np.flatnonzero(outcome == "success")
     for _ in range(2):  # does it stand at the goal, or was it only falling past it?
         if len(up):
@@ -283,6 +267,11 @@ def evaluate(planner, world, goals, seed=0, noise=False, watch=None, bar=None):
             up = up[~fell]
     return {"outcome": outcome, "time": steps * world.engine.period, "steps": steps,
             "stays_up": np.isin(everybody, up)}
+
+
+def progress(bar):
+    """A `watch` that counts the trials that have ended."""
+    return lambda robots, result: bar.update(sum(int(result[name].sum()) for name in OUTCOMES))
 
 
 def record(planner, world, goals, seed=0):
@@ -557,7 +546,7 @@ def tune_baseline(world, goals, args, out, sim):
         for factor, gain in combinations:
             bar.set_postfix(factor=factor, turning_gain=gain)
             planner = BaselinePlanner(BaselineSettings().tuned(factor, gain))
-            trials = evaluate(planner, world, goals, args.seed, bar=bar)
+            trials = evaluate(planner, world, goals, args.seed, watch=progress(bar))
             row = summary("baseline_tuned", False, trials, world.task)
             grid.append({"factor": factor, "turning_gain": gain, **{key: row[key] for key in kept}})
     safe = [row for row in grid if row["success"] >= TUNED_SUCCESS]
@@ -581,7 +570,8 @@ def run(world, goals, planners, about, args, out, sim):
     with tqdm(total=len(settings) * len(goals), unit=" trials", dynamic_ncols=True) as bar:
         for name, noise in settings:
             bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
-            trials[name, noise] = evaluate(planners[name], world, goals, args.seed, noise, bar=bar)
+            trials[name, noise] = evaluate(planners[name], world, goals, args.seed, noise,
+                                           progress(bar))
     speed = walk_engine.fastest_speed(sim)  # [m/s]
     bound = lower_bound(goals, speed, world.engine.period, world.task)
     rows = [summary(name, noise, t, world.task, bound) for (name, noise), t in trials.items()]

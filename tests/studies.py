@@ -105,6 +105,7 @@ class Trials:
         before, falls, changes = goals.copy(), [], []
 
         def watch(robots, result):
+            count(robots, result)
             length = world.actions[robots][:, :, [0, 3]].mean(-1)  # [n, 2] x of both feet, 0 … 1
             low, high = world.limits.low[0], world.limits.high[0]
             length = low + length * (high - low)  # [m] now, before
@@ -119,7 +120,8 @@ class Trials:
             before[robots] = world.relative_goal(robots)
 
         with tqdm(total=PER_SEED, desc=path.stem, unit=" trials", leave=False) as bar:
-            trials = evaluate.evaluate(planner, world, goals, seed, noise, watch, bar)
+            count = evaluate.progress(bar)
+            trials = evaluate.evaluate(planner, world, goals, seed, noise, watch)
         trials |= {"goals": goals, "falls": np.reshape(falls, (-1, 6)),
                    "changes": np.concatenate(changes)}  # fmt: skip
         path.parent.mkdir(exist_ok=True)
