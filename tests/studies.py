@@ -5,7 +5,7 @@
     python tests/studies.py falls        where falls happen, after which change of step, and when
     python tests/studies.py noise        success and time against the size of the noise
     python tests/studies.py times        time per goal, policy against baseline
-    python tests/studies.py robustness   the same policy in a finer, slipperier or weaker world
+    python tests/studies.py robustness   the same planners in a finer, slipperier or weaker world
     python tests/studies.py ablations    what is left without each ingredient of the learning
 
 (all with `--mujoco` in 3-D). Each writes numbers (.json), README's table (.md) and most a figure
@@ -448,7 +448,7 @@ def times(sim):
 
 
 def robustness(sim):
-    """The shipped policy in worlds it was not trained in; no noise, 500 goals."""
+    """Policy and tuned baseline in worlds they were not made for; no noise, 500 goals."""
     model = robot_model.RobotModel()
     dt, control = model.physics_dt, model.control_dt
     worlds = {
@@ -462,16 +462,20 @@ def robustness(sim):
     }  # fmt: skip
     worlds |= {"elliptic friction cone": {"friction_cone": "elliptic"}} if sim == "mujoco" else {
         "twice the solver's iterations": {"planar_iterations": 2 * model.planar_iterations}}
-    rows = []
+    planners = {k: v for k, v in shipped(sim).items() if k in ("policy", "baseline_tuned")}
+    rows, lines = [], []
     for title, change in worlds.items():
-        trials = Trials(sim, replace(model, **change))
-        path = ROOT / "results" / sim / "policy.pt"
-        own = policy_trials(trials, path, "policy", False, count=1)
-        rows.append({"world": title, "change": change, **row_of(own, "policy", False)})
+        trials, line = Trials(sim, replace(model, **change)), [title]
+        for name, (planner, key) in planners.items():
+            own = trials.run(name, planner, key, False, count=1)
+            row = row_of(own, name, False)
+            rows.append({"world": title, "change": change, **row})
+            line += ["{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"]),
+                     f"{row['time_mean']:.2f}"]  # fmt: skip
         trials.close()
-    lines = [[row["world"], "{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"]),
-              f"{row['fall']:.3f}", f"{row['time_mean']:.2f}"] for row in rows]  # fmt: skip
-    head = ["world", "success [95 % interval]", "fall", "time [s]"]
+        lines.append(line)
+    head = ["world", *(f"{name}: {what}" for name in planners
+                       for what in ("success [95 % interval]", "time [s]"))]  # fmt: skip
     publish(sim, "robustness", rows, markdown(head, lines))
 
 
@@ -556,6 +560,22 @@ def plain(row):
     return row
 
 
+def learned_after(curve, share=0.8):
+    """Thousands of double steps until that share of the training's episodes succeeds, or None."""
+    steps, success = np.transpose([[x, y or 0.0] for x, y in curve])
+    reached = np.flatnonzero(smooth(success, 3) >= share)
+    return float(steps[reached[0]]) / 1000 if len(reached) else None
+
+
+def spread(values, digits):
+    """Mean (least … most) of the values that exist, as text."""
+    known = [value for value in values if value is not None]
+    if not known:
+        return "never"
+    text = f"{np.mean(known):.{digits}f} ({min(known):.{digits}f} … {max(known):.{digits}f})"
+    return text + f", {len(values) - len(known)} never" * (len(known) < len(values))
+
+
 def ablations(sim):
     """Three seeds of every variant, one core each, as many at a time as there are cores."""
     jobs = [(sim, name, seed) for name in VARIANTS for seed in SEEDS]
@@ -564,31 +584,31 @@ def ablations(sim):
     with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
         for row in tqdm(pool.map(ablate, *zip(*jobs, strict=True)), total=len(jobs)):
             rows.append(row)
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 5), layout="constrained", sharey=True)
+    for row in rows:
+        row["learned_after"] = learned_after(row["curve"])
+    figure, axes = plt.subplots(1, 3, figsize=(13, 5), layout="constrained", sharey=True)
     lines = []
     for place, name in enumerate(VARIANTS):
         own = [row for row in rows if row["variant"] == name]
-        for axis, key in ((left, "success"), (right, "time_mean")):
-            values = np.array([row[key] if row[key] is not None else np.nan for row in own])
-            color = "tab:blue" if name != "reference" else "k"
-            axis.plot(values, np.full(len(own), place), "o", color=color, alpha=0.6)
-            axis.plot(np.nanmean(values), place, "|", color=color, ms=18)
-        cells = []
-        for key, digits in (("success", 3), ("fall", 3), ("timeout", 3), ("time_mean", 2)):
+        color = "k" if name == "reference" else "tab:blue"
+        for axis, key in zip(axes, ("success", "time_mean", "learned_after"), strict=True):
             values = [row[key] for row in own if row[key] is not None]
-            cells.append(f"{np.mean(values):.{digits}f} "
-                         f"({min(values):.{digits}f} … {max(values):.{digits}f})"
-                         if values else "none")  # fmt: skip
-        lines.append([name, *cells])
-    left.set(yticks=range(len(VARIANTS)), yticklabels=VARIANTS, title="success",
-             xlabel="share of 500 goals [1]")  # fmt: skip
-    right.set(title="time of the successes", xlabel="mean [s]")
-    left.invert_yaxis()
-    for axis in (left, right):
+            axis.plot(values, [place] * len(values), "o", color=color, alpha=0.6)
+            if values:
+                axis.plot(np.mean(values), place, "|", color=color, ms=18)
+        lines.append([name, *(spread([row[key] for row in own], digits) for key, digits in (
+            ("success", 3), ("fall", 3), ("timeout", 3), ("time_mean", 1), ("learned_after", 0)))])
+    axes[0].set(yticks=range(len(VARIANTS)), yticklabels=VARIANTS, title="success",
+                xlabel="share of 500 goals [1]")  # fmt: skip
+    axes[1].set(title="time of the successes", xlabel="mean [s]")
+    axes[2].set(title="first success in 80 % of the episodes",
+                xlabel="double steps of training [thousands]")  # fmt: skip
+    axes[0].invert_yaxis()
+    for axis in axes:
         axis.grid(alpha=0.3)
-    figure.suptitle(f"{STEPS:,} double steps ({sim}); dots: three seeds, bar: their mean")
-    head = ["variant", *(f"{k}: mean (min … max)" for k in ("success", "fall", "timeout")),
-            "time [s]: mean (min … max)"]  # fmt: skip
+    figure.suptitle(f"{STEPS:,} double steps of training ({sim}); dots: three seeds, bar: their "
+                    "mean; no dot: never")  # fmt: skip
+    head = ["variant", "success", "fall", "timeout", "time [s]", "80 % after [1,000 steps]"]
     publish(sim, "ablations", {"steps": STEPS, "goals": PER_SEED, "rows": rows},
             markdown(head, lines), figure)  # fmt: skip
 

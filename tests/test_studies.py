@@ -83,3 +83,17 @@ def test_markdown_is_aligned():
     lines = studies.markdown(["a", "long head"], [[1, 2], ["xyz", 4]]).splitlines()
     assert len({len(line) for line in lines}) == 1
     assert lines[2].split("|")[1:3] == [" 1   ", " 2         "]
+
+
+def test_when_a_training_has_learned():
+    curve = [[4000, None], [8000, 0.9], [12000, 0.8], [16000, 0.8], [20000, 1.0]]
+    assert studies.learned_after(curve) == 16.0, "the mean of three updates reaches 80 %"
+    assert studies.learned_after(curve[:3]) is None, "one lucky update is not enough"
+    assert studies.spread([1.0, None, 3.0], 1) == "2.0 (1.0 … 3.0), 1 never"
+    assert studies.spread([None, None], 1) == "never"
+
+
+def test_the_median_seed_is_neither_the_best_nor_the_worst():
+    rows = [{"seed": seed, "success": success, "time_mean": time}
+            for seed, success, time in ((0, 1.0, 5.0), (1, 1.0, 6.0), (2, 0.9, 4.0))]
+    assert studies.median_seed(rows) == 1, "by success first; then the slower one is the worse one"
