@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 LEFT, RIGHT = 0, 1
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 
@@ -355,7 +356,7 @@ class MujocoSim:
 
         self.robot, self.num_robots = robot, num_robots
         self.model = mujoco.MjModel.from_xml_string(mjcf(robot))
-        cores = min(cores or os.cpu_count() or 1, num_robots)
+        cores = min(cores or CORES, num_robots)
         self._data = [mujoco.MjData(self.model) for _ in range(cores)]
         self._pool = Rollout(nthread=cores if cores > 1 else 0)
         self._substeps = round(robot.control_dt / robot.physics_dt)
@@ -674,7 +675,7 @@ class PymunkSim:
         self.robot, self.num_robots = robot, num_robots
         self.start_joints = stance(robot, planar=True) if joints is None else joints
         self.standing_height = standing_torso(robot, self.start_joints)[2]
-        cores = max(1, min(cores or os.cpu_count() or 1, num_robots))
+        cores = max(1, min(cores or CORES, num_robots))
         counts = [len(range(w, num_robots, cores)) for w in range(cores)]
         self._pipes, self._processes = [], []
         self._local = None
@@ -853,7 +854,7 @@ def main():
           f"torso sag {sag:.1f} mm,")  # fmt: skip
     print("  torques of the left leg [N m]: " + ", ".join(
         f"{name} {torque:.1f}" for name, torque in zip(JOINTS, sim.torque()[0])))  # fmt: skip
-    print(f"  {speed:.0f} seconds of one robot simulated per second on {os.cpu_count()} cores")
+    print(f"  {speed:.0f} seconds of one robot simulated per second on {CORES} cores")
     sim.power(False)
     fallen_motion = sim.run(still, everybody)
     sim.close()

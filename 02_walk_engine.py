@@ -65,7 +65,8 @@ TUNED = {  # by `python 02_walk_engine.py --tune` and `… --tune --mujoco`, see
     ),
 }  # fmt: skip
 # Our choice, seen on the maps of --limits: x reaches beyond the edge where falls begin, so does a
-# turn or a sideways step together with a long x. Planar sideways steps cannot fall: as in 3-D.
+# turn or a sideways step together with a long x. Planar sideways steps cannot fall, so their
+# limit is the 3-D robot's.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.20, -0.04, -0.40), high=(0.22, 0.10, 0.60)),
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
@@ -265,11 +266,9 @@ class WalkEngine:
     def _seen_from(self, base, state):
         """Trunk state [n, 4, 3] in the frame `base` [n, 3]."""
         moved = state.copy()
-        moved[:, :2, 0] -= base[:, :2]
-        moved[:, 2, 0] -= base[:, 2]
-        x, y = np.moveaxis(moved[:, :2], 1, 0)  # each [n, 3]
-        cos, sin = np.cos(base[:, 2, None]), np.sin(base[:, 2, None])
-        moved[:, 0], moved[:, 1] = cos * x + sin * y, -sin * x + cos * y
+        moved[:, :3, 0] -= base
+        xy = moved[:, :2].swapaxes(1, 2)  # [n, 3, 2] position, velocity and acceleration turn alike
+        moved[:, :2] = turned(xy, -base[:, 2, None]).swapaxes(1, 2)
         return moved
 
 
@@ -519,9 +518,10 @@ def plot_limits(name, path, seed=0):
 
     limits, parameters = LIMITS[name], TUNED[name]
     x = np.linspace(-0.24, 0.32, 15)
+    # A steady turn is outward for one foot and inward, the smaller limit, for the other one.
     maps = (  # title, label of the second axis, its values, first and then from (x, second)
         ("forward and turning", "yaw of both feet [rad]", np.linspace(-0.7, 0.7, 15),
-         lambda u, v: ([[u, 0, v], [u, 0, -v]],) * 2, (limits.low[2], limits.high[2])),
+         lambda u, v: ([[u, 0, v], [u, 0, -v]],) * 2, (limits.low[2], -limits.low[2])),
         ("forward and sideways", "left foot outward [m]", np.linspace(0, 0.21, 15),
          lambda u, v: ([[u, v, 0], [u, 0, 0]],) * 2, (0, limits.high[1])),
         ("change of step length", "x of the steps before [m]", x,
@@ -538,6 +538,11 @@ def plot_limits(name, path, seed=0):
         share = falls[np.ix_(rows, inside)].mean()
         print(f"{title:22s}: {share:.2f} of the walks inside the limits fall, "
               f"{falls.mean():.2f} of all")  # fmt: skip
+        if title == "change of step length":
+            stood = (falls == 0) & np.outer(rows, inside)  # [before, after]
+            change = (x - second[:, None])[stood]  # [m]
+            print(f"  largest change inside them without a fall: {change.max():+.2f} m and "
+                  f"{change.min():+.2f} m, of {limits.high[0] - limits.low[0]:.2f} m possible")
         size = limits.high[0] - limits.low[0], high - low
         box = plt.Rectangle((limits.low[0], low), *size, fill=False, ec="tab:cyan", lw=2)
         axis.add_patch(box)

@@ -136,8 +136,8 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     """The seven scaled terms by name, each [n]; their sum is the reward.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]. Distance, angle and orientation pay for progress: undiscounted, going in circles pays
-    nothing, and with γ < 1 it costs.
+    [0, 1]. Distance, angle and orientation pay for progress: undiscounted, walking in a circle
+    pays nothing; discounted (γ < 1), every double step spent farther away costs.
     """
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
@@ -439,19 +439,21 @@ def memory():
     return sum(1024 * int(re.search(r"VmRSS:\s+(\d+)", text)[1]) for text in statuses)
 
 
-def benchmark(sim, counts=(1, 4, 16, 64, 256)):
+def benchmark(sim, imu=False, seed=0, counts=(1, 4, 16, 64, 256)):
     """Prints double steps per second of the environment and of bare physics, by number of robots.
 
     Bare physics: the same physics steps of the same walk, timed inside the simulator, without
-    plans, motor targets, measurements and rewards.
+    plans, motor targets, measurements and rewards. Memory: what the robots add to the processes,
+    which are counted after they have started.
     """
+    print("double steps per second; planning: its share of the environment's time")
     head = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
-    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s} {:>13s}   [double steps/s]".format(*head))
+    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s} {:>13s}".format(*head))
     for count in counts:
-        env = FootstepVectorEnv(count, sim)
+        env = FootstepVectorEnv(count, sim, imu=imu)
         env.world.sim.bare_seconds()  # by its answer all worker processes have started
         empty = memory()
-        env.reset(seed=0)
+        env.reset(seed=seed)
         action = np.tile(env.neutral_action, (count, 1))
         rounds = max(4, 512 // count)
         env.step(action)
@@ -477,7 +479,7 @@ def main():
     args = robot_model.parse_stage(parser)
     out = robot_model.output_folder(parser, args)
     if args.benchmark:
-        benchmark(args.sim)
+        benchmark(args.sim, args.imu, args.seed)
         return
     print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
     for name, unit, low, high in observation_table(args.imu):

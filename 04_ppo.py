@@ -13,9 +13,10 @@ Stable-Baselines3; here it is written out, so that every equation has a line to 
 Expect: a progress bar on which the success rate rises and the fall rate sinks; then policy.pt,
 learning_curve.csv and learning_curve.png in runs/<sim>/. The goal is measured with noise, as in
 stage 05's harder rows (--no-noise: exactly). The paper took 1,000,000 steps. On two cores
-(2026-11-21, seed 0) --steps 300000 takes 3.5 minutes on pymunk and 5.2 in MuJoCo, 0.05 ms per step
-for learning, the rest simulation. --quick takes 45 seconds on pymunk; its policy reaches all of
-stage 05's 500 goals without noise, but needs 13.8 s where the shipped one needs 4.0 s.
+(2026-11-21, seed 0; `tests/studies.py budget`) --steps 300000 takes 3.4 minutes on pymunk and 5.0
+in MuJoCo, 0.07 ms per step for learning, the rest simulation. --quick takes 45 seconds on pymunk;
+its policy reaches all of stage 05's 500 goals without noise, but needs 13.8 s where the shipped one
+needs 4.0 s.
 
 The Pendulum command takes 20 seconds; its deterministic policy then returns −161, −162, −160 with
 --seed 0, 1, 2 (mean of 100 episodes; an untrained one about −1200).
@@ -338,8 +339,8 @@ def save_policy(path, model, meta):
     atomic_write(path, lambda temporary: torch.save(stored, temporary))
 
 
-def load_policy(path, fits=None):
-    """(model, meta). `fits`, if given, must equal what the policy was trained for."""
+def load_policy(path):
+    """(model, meta); meta["fits"] says what the policy was trained for."""
     stored = load_plain(path)
     try:
         weights = stored.pop("state_dict")
@@ -351,9 +352,6 @@ def load_policy(path, fits=None):
         raise PolicyError(f"{path}: not a policy, or of another shape") from error
     if not all(torch.isfinite(tensor).all() for tensor in weights.values()):
         raise PolicyError(f"{path}: contains numbers that are not finite")
-    mismatch = difference(meta["fits"], plain(fits)) if fits is not None else ""
-    if mismatch:
-        raise PolicyError(f"{path}: this policy does not fit: {mismatch}")
     return model, meta
 
 
@@ -373,6 +371,7 @@ class Collector:
         if envs.metadata.get("autoreset_mode") != SAME_STEP:
             raise ValueError("the vector environment must use AutoresetMode.SAME_STEP")
         self.low, self.span, self.shape = box.low, box.high - box.low, box.shape
+        self.simulated = 0.0  # [s] wall-clock spent in the environments
 
     def reset(self, seed):
         """Fresh episodes in all environments."""
@@ -384,8 +383,10 @@ class Collector:
         """action [N, act] in [0, 1] -> the observation that really followed, reward, terminated,
         truncated; all arrays over N, and the list of episodes that ended."""
         action = action.clip(0.0, 1.0).reshape(-1, *self.shape)
+        clock = time.perf_counter()
         # a_env = low + a·(high − low)
         obs, reward, terminated, truncated, infos = self.envs.step(self.low + action * self.span)
+        self.simulated += time.perf_counter() - clock
         self.obs = obs.reshape(len(obs), -1)
         self.returns += reward
         self.lengths += 1
@@ -525,8 +526,8 @@ def train(cfg, make_envs, out_dir, total_steps, seed=0, resume=False, fits=None,
         def save_checkpoint(update):
             stored = {"format": 1, "settings": settings, "update": update, "rows": rows,
                       "model": model.state_dict(), "optimizer": optimizer.state_dict()}
-            write_csv(out_dir / "learning_curve.csv", rows)
             atomic_write(checkpoint_path, lambda temporary: torch.save(stored, temporary))
+            write_csv(out_dir / "learning_curve.csv", rows)
 
         for update in range(start, updates):
             if update % cfg.checkpoint_every == 0:
@@ -536,11 +537,11 @@ def train(cfg, make_envs, out_dir, total_steps, seed=0, resume=False, fits=None,
                 collector.reset(random_seed(seed, update))
             remaining = 1.0 - update / updates
             optimizer.param_groups[0]["lr"] = cfg.learning_rate * remaining
+            clock, collector.simulated = time.perf_counter(), 0.0
             data, episodes = collector.rollout(model, cfg.rollout,
                                                lambda: bar.update(cfg.num_envs))
-            clock = time.perf_counter()
             watched = improve(model, optimizer, data, cfg, cfg.entropy_coef * remaining)
-            learning = time.perf_counter() - clock  # [s]
+            learning = time.perf_counter() - clock - collector.simulated  # [s]
             if not np.isfinite(watched["value_loss"]):
                 raise FloatingPointError(f"update {update}: the loss is not finite")
             rows.append({"steps": (update + 1) * per_update,
@@ -681,12 +682,14 @@ def main(argv=None):
     try:
         model, rows = train(cfg, make_envs, out_dir, steps, args.seed, args.resume, fits,
                             {"imu": args.imu, "noise": args.noise})
-    except (PolicyError, FloatingPointError) as error:
+    except (PolicyError, FloatingPointError, OSError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
         saved = (out_dir / "checkpoint.pt").exists()
         print("\ninterrupted:", "the same command with --resume continues from the last checkpoint"
               if saved else "too early to resume, no checkpoint was written yet", file=sys.stderr)
+        if (out_dir / "policy.pt").exists():
+            print(f"{out_dir / 'policy.pt'} is that of an earlier training", file=sys.stderr)
         sys.exit(130)
     plot_learning_curve(rows, out_dir / "learning_curve.png", f"PPO on {task}")
     learning = np.mean([row["learning_ms"] for row in rows])
@@ -697,8 +700,9 @@ def main(argv=None):
         print(f"deterministic policy, 100 episodes: return {returns.mean():.1f} ± "
               f"{returns.std():.1f}")
     else:
-        other = "" if out_dir == Path("runs") / sim else f" --policy {out_dir / 'policy.pt'}"
-        print("next: python 05_evaluate.py --noise" + " --mujoco" * args.mujoco + other)
+        found = out_dir == Path("runs") / sim / ("imu" if args.imu else "")  # by stage 05
+        print("next: python 05_evaluate.py --noise" + " --mujoco" * args.mujoco
+              + (" --imu" * args.imu if found else f" --policy {out_dir / 'policy.pt'}"))
 
 
 if __name__ == "__main__":  # the simulator's worker processes import this file again

@@ -5,8 +5,9 @@ baseline [10], a carrot-following velocity controller.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in two minutes
     python 05_evaluate.py --noise --gif    and an animation of one walk
+    python 05_evaluate.py --noise --imu    the figures show the policy that feels its torso's tilt
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
-    python 05_evaluate.py --tune-baseline  the fairest opponent: the baseline at its best speeds
+    python 05_evaluate.py --tune-baseline  a fairer opponent: faster baselines; some minutes
 
 (all with `--mujoco` in 3-D). Without a training of your own it judges the shipped policy. Prints
 the table and writes evaluation.json, trials.csv, table.md and footsteps.png to `runs/<sim>/`.
@@ -15,6 +16,11 @@ Notice: the paper's policy needs half the baseline's time, and falls twice as of
 A planner is anything with `reset(num_robots)` and `act(world, robots, measured)`, which returns
 actions [n, 6] in [0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. Yours
 needs no more than these two methods:
+
+    import numpy as np
+    from importlib import import_module
+    stage5 = import_module("05_evaluate")
+    env, evaluate = stage5.env, stage5.evaluate
 
     class SideStepper:                             # goes sideways, whatever the goal
         def reset(self, num_robots): pass
@@ -506,12 +512,15 @@ def find(sim, name):
     return next((place for place in places if place.is_file()), None)
 
 
-def choose_planners(sim, chosen=None):
-    """Planners by row name, and what evaluation.json says about them."""
-    paths = [chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")]
-    paths = [path for path in paths if path]
-    if not paths:
-        command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco")
+def choose_planners(sim, chosen=None, imu=False):
+    """Planners by row name, the one for the figures first, and what evaluation.json says of them.
+
+    chosen: the policy file that the user named, if any; imu: the policy with IMU comes first.
+    """
+    plain, with_imu = chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")
+    paths = [path for path in ((with_imu, plain) if imu else (plain, with_imu)) if path]
+    if not paths or (imu and not with_imu):
+        command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco") + " --imu" * imu
         raise InputError(f"no policy for {sim} yet: train one with `{command}`, or use --policy")
     planners, about = {}, {}
     for path in paths:
@@ -520,11 +529,11 @@ def choose_planners(sim, chosen=None):
         except ppo.PolicyError as error:
             if path == paths[0]:
                 raise
-            print(f"without the row policy_imu: {error}", file=sys.stderr)  # nobody asked for it
+            print(f"left out: {error}", file=sys.stderr)  # nobody asked for it
             continue
         name = "policy_imu" if planner.imu else "policy"
         if name not in planners:
-            planners[name], about[name if about else "policy"] = planner, description
+            planners[name], about[name] = planner, description
     planners["baseline"] = BaselinePlanner()
     path = find(sim, "baseline_tuned.json")
     if path:
@@ -576,8 +585,10 @@ def run(world, goals, planners, about, args, out, sim):
     bound = lower_bound(goals, speed, world.engine.period, world.task)
     rows = [summary(name, noise, t, world.task, bound) for (name, noise), t in trials.items()]
     ratios = compare(trials)
+    print("\n" + table(rows, ratios, speed))  # first of all: writing may fail
     write_json(out / "evaluation.json", {
-        "sim": sim, **about, "goals": args.goals or "stream evaluation", "seed": args.seed,
+        "sim": sim, "policy": next(iter(about.values())), **about,
+        "goals": args.goals or "stream evaluation", "seed": args.seed,
         "fastest_speed": round(speed, 4), "rows": rows, "ratios": ratios})
     write_trials(out / "trials.csv", goals, trials)
     write_text(out / "table.md", table(rows, ratios, speed))
@@ -589,7 +600,6 @@ def run(world, goals, planners, about, args, out, sim):
         print("drawing the animation, half a minute")
         plot_animation(columns[1][1][0], out / "animation.gif", world.engine.robot)
         names.append("animation.gif")
-    print("\n" + table(rows, ratios, speed))
     planner = next(iter(planners.values()))
     print("one decision of the policy takes " + ", ".join(
         f"{decision_time(planner, world, n) / n:.1f} µs per robot for {n} at a time"
@@ -605,11 +615,14 @@ def main(argv=None):
     which.add_argument("--episodes", type=ppo.positive, default=500, help="goals (default 500)")
     which.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
     parser.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
+    parser.add_argument("--imu", action="store_true", help="show the policy with IMU in figures")
     parser.add_argument("--gif", action="store_true", help="also draw animation.gif")
     parser.add_argument("--tune-baseline", action="store_true", help="write baseline_tuned.json")
     args = robot_model.parse_stage(parser, argv)
-    if args.tune_baseline and (args.noise or args.goals or args.policy or args.gif):
+    if args.tune_baseline and (args.noise or args.goals or args.policy or args.gif or args.imu):
         parser.error("--tune-baseline goes with --episodes, --seed, --out and --mujoco only")
+    if args.imu and args.policy:
+        parser.error("--imu chooses a policy by itself, leave out --policy")
 
     sim, world = args.sim, None
     torch.set_num_threads(1)  # a policy this small is slower on several threads
@@ -617,7 +630,9 @@ def main(argv=None):
         purpose = "tuning" if args.tune_baseline else "evaluation"
         drawn = env.draw_goals(env.stream(purpose, args.seed), args.episodes)
         goals = read_goals(args.goals) if args.goals else drawn  # [n, 3]
-        planners, about = ({}, {}) if args.tune_baseline else choose_planners(sim, args.policy)
+        planners, about = {}, {}
+        if not args.tune_baseline:
+            planners, about = choose_planners(sim, args.policy, args.imu)
         out = robot_model.output_folder(parser, args)
         world = env.FootstepWorld(max(len(goals), 64), sim)  # 64: for the decision's time
         if args.tune_baseline:

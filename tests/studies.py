@@ -2,6 +2,7 @@
 
     python tests/studies.py seeds        three trainings, 2,000 unseen goals each; ships the median
     python tests/studies.py imu          does feeling the torso's tilt prevent falls? 5,000 goals
+    python tests/studies.py budget       what a training of 300,000 double steps costs and gives
     python tests/studies.py falls        where falls happen, after which change of step, and when
     python tests/studies.py noise        success and time against the size of the noise
     python tests/studies.py times        time per goal, policy against baseline
@@ -45,6 +46,7 @@ plt = evaluate.plt
 SEEDS = (0, 1, 2)  # of the trainings
 FIRST = 1  # evaluation seed of the first 500 goals; 0 belongs to README's table
 PER_SEED = 500  # goals
+BUDGET = 300_000  # double steps of the shorter training
 COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:orange",
           "baseline_tuned": "tab:green"}  # fmt: skip
 
@@ -61,15 +63,17 @@ def digest(*ingredients):
     return hashlib.sha256(repr(ingredients).encode()).hexdigest()[:10]
 
 
-def train(sim, seed, imu=False):
+def train(sim, seed, imu=False, steps=ppo.STEPS):
     """The command a user would give, unless its policy is there already; returns its folder."""
     out = store(sim) / f"train_imu{seed}_" if imu else store(sim) / f"train{seed}_"
     made_for = env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel()
-    out = out.with_name(out.name + digest(*made_for, ppo.PPOConfig(), ppo.STEPS))
+    out = out.with_name(out.name + digest(*made_for, ppo.PPOConfig(), steps))
     if not (out / "policy.pt").is_file():
         resume = ["--resume"] if (out / "checkpoint.pt").is_file() else []
         flags = ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu + resume
-        command = [sys.executable, "04_ppo.py", *flags, "--seed", str(seed), "--out", str(out)]
+        options = {"--steps": steps, "--seed": seed, "--out": out}
+        flags += [str(part) for option in options.items() for part in option]
+        command = [sys.executable, "04_ppo.py", *flags]
         print(" ".join(["python", *command[1:]]))
         subprocess.run(command, cwd=ROOT, check=True)
     return out
@@ -89,7 +93,8 @@ class Trials:
         parts = []
         for seed in range(first, first + count):
             name = digest(key, env.fingerprint(self.sim), self.robot, env.Task(), noise, size)
-            path = store(self.sim) / "trials" / f"{title}_{seed}_{name}.npz"
+            folder = store(self.sim) / "trials"
+            path = next(folder.glob(f"*_{seed}_{name}.npz"), folder / f"{title}_{seed}_{name}.npz")
             if not path.is_file():
                 self.measure(path, planner, noise, seed, size)
             with np.load(path) as stored:
@@ -291,44 +296,70 @@ def imu(sim):
     """Three policies that feel their torso's tilt against three that do not: 5,000 noisy goals."""
     results = ROOT / "results" / sim
     folders = {seed: train(sim, seed, imu=True) for seed in SEEDS}
-    files = {"policy": {seed: results / "seeds" / str(seed) / "policy.pt" for seed in SEEDS},
-             "policy_imu": {seed: folder / "policy.pt" for seed, folder in folders.items()}}
-    trials, rows, pooled = Trials(sim), [], {}
-    for name, paths in files.items():
-        own = {seed: policy_trials(trials, path, f"{name}{seed}", True, count=10)
-               for seed, path in paths.items()}  # fmt: skip
-        rows += [{"seed": seed, **row_of(own[seed], name, True)} for seed in SEEDS]
-        kept = ("outcome", "time", "stays_up")
-        pooled[name] = {key: np.concatenate([t[key] for t in own.values()]) for key in kept}
+    trials, rows, lines = Trials(sim), [], []
+    for seed, folder in folders.items():
+        paths = results / "seeds" / str(seed) / "policy.pt", folder / "policy.pt"
+        plain, with_imu = (policy_trials(trials, path, f"{name}{seed}", True, count=10)
+                           for name, path in zip(("policy", "policy_imu"), paths))  # fmt: skip
+        ratio, interval, _ = evaluate.time_ratio(with_imu, plain)
+        rows.append({"seed": seed, **row_of(plain, "policy", True)})
+        rows.append({"seed": seed, **row_of(with_imu, "policy_imu", True),
+                     "time_ratio": ratio, "time_ratio_ci95": interval})  # fmt: skip
     trials.close()
-    together = [{"seed": None, **row_of(pooled[name], name, True)} for name in files]
-    median = median_seed([row for row in rows if row["planner"] == "policy_imu"])
-    keep(folders, median, results / "imu")
-    ratio, interval, _ = evaluate.time_ratio(pooled["policy_imu"], pooled["policy"])
-    lines = []
-    for mean in together:
-        for row in [*(row for row in rows if row["planner"] == mean["planner"]), mean]:
-            shipped = row["planner"] == "policy_imu" and row["seed"] == median
-            label = "all three" if row is mean else f"{row['seed']}" + " (shipped)" * shipped
-            fall = "{:.4f} [{:.4f}, {:.4f}]".format(row["fall"], *row["fall_ci95"])
-            lines.append([row["planner"], label, f"{row['success']:.4f}", fall,
-                          f"{row['timeout']:.4f}", f"{row['time_mean']:.2f}"])  # fmt: skip
-    text = markdown(["planner", "training seed", "success", "fall [95 % interval]", "timeout",
-                     "time [s]"], lines)  # fmt: skip
-    text += "\nTime with IMU ÷ time without, same training seed, over the goals both reached: "
-    text += "{:.3f} [{:.3f}, {:.3f}]\n".format(ratio, *interval)
-    publish(sim, "imu", {"goals": 10 * PER_SEED, "median_seed": median, "rows": rows,
-                         "together": together, "time_ratio": ratio, "ci95": interval},
-            text)  # fmt: skip
+    published = (results / "studies" / "seeds.json").read_text(encoding="utf-8")
+    chosen = {"policy": json.loads(published)["median_seed"],
+              "policy_imu": median_seed([r for r in rows if r["planner"] == "policy_imu"])}
+    keep(folders, chosen["policy_imu"], results / "imu")
+    means, keys = [], ("success", "fall", "timeout", "time_mean", "time_ratio")
+    for name in ("policy", "policy_imu"):
+        own = [row for row in rows if row["planner"] == name]
+        means.append({"planner": name, **{k: np.mean([r[k] for r in own]) for k in keys
+                                          if k in own[0]}})  # fmt: skip
+        for row in [*own, means[-1]]:
+            label = str(row.get("seed", "mean")) + " (shipped)" * (row.get("seed") == chosen[name])
+            fall = f"{row['fall']:.4f}"
+            if "fall_ci95" in row:
+                fall += " [{:.4f}, {:.4f}]".format(*row["fall_ci95"])
+            faster = f"{row['time_ratio']:.3f}" if "time_ratio" in row else ""
+            if "time_ratio_ci95" in row:
+                faster += " [{:.3f}, {:.3f}]".format(*row["time_ratio_ci95"])
+            lines.append([name, label, f"{row['success']:.4f}", fall, f"{row['timeout']:.4f}",
+                          f"{row['time_mean']:.2f}", faster])  # fmt: skip
+    head = ["planner", "training seed", "success", "fall [95 % interval]", "timeout", "time [s]",
+            "time ÷ that of `policy`, same seed"]  # fmt: skip
+    publish(sim, "imu", {"goals": 10 * PER_SEED, "median_seed": chosen["policy_imu"], "rows": rows,
+                         "means": means}, markdown(head, lines))  # fmt: skip
+
+
+def budget(sim):
+    """What 300,000 double steps cost and give: the final policy on 1,000 goals, no noise."""
+    folder = train(sim, SEEDS[0], steps=BUDGET)
+    trials = Trials(sim)
+    row = row_of(policy_trials(trials, folder / "policy.pt", "budget", False, count=2),
+                 "policy", False)  # fmt: skip
+    trials.close()
+    curve = read_curve(folder)
+    row |= {"minutes": round(curve["minutes"][-1], 2), "cores": robot_model.CORES,
+            "learning_ms": round(curve["learning_ms"].mean(), 4)}  # fmt: skip
+    success = "{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"])
+    line = [sim, f"{BUDGET:,}", f"{row['minutes']:.1f}", f"{row['learning_ms']:.3f}", success,
+            f"{row['time_mean']:.2f}"]  # fmt: skip
+    head = ["simulator", "double steps", f"minutes on {robot_model.CORES} cores",
+            "learning [ms per double step]", "success [95 % interval]", "time [s]"]  # fmt: skip
+    publish(sim, "budget", row, markdown(head, [line]))
 
 
 def falls(sim):
-    """Every fall of 5,000 noisy walks: the goal then, the change of step, the moment."""
+    """Every fall of all seeds on 5,000 noisy goals: the goal then, change of step, moment."""
     trials, found, text = Trials(sim), {}, []
-    planners = {k: v for k, v in shipped(sim).items() if k.startswith("policy")}
+    results = ROOT / "results" / sim
+    policies = {"policy": results / "seeds", "policy_imu": results / "imu" / "seeds"}
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.9), layout="constrained")
-    for name, (planner, key) in planners.items():
-        own = trials.run(name, planner, key, True, count=10)
+    for name, folder in policies.items():
+        parts = [policy_trials(trials, folder / str(seed) / "policy.pt", f"{name}{seed}", True,
+                               count=10) for seed in SEEDS]  # fmt: skip
+        own = {key: np.concatenate([part[key] for part in parts])
+               for key in ("falls", "changes", "time")}  # fmt: skip
         x, y, _, now, last, when = own["falls"].T
         found[name] = own["falls"].round(4).tolist()
         kw = {"color": COLORS[name], "label": f"{name}: {len(x)} falls", "s": 14, "zorder": 3}
@@ -338,12 +369,13 @@ def falls(sim):
         if name == "policy":
             axes[1].plot(own["changes"][:, 1], own["changes"][:, 0], ".", color="0.8", ms=2,
                          zorder=0, label="steps that went well")  # fmt: skip
-        near = np.mean(np.hypot(x, y) < 0.4) if len(x) else 0.0
+        back = np.mean(now < 0) if len(x) else 0.0
         change = np.mean(np.abs(now - last)) if len(x) else 0.0
         usual = np.abs(np.diff(own["changes"], axis=1)).mean()
         left = np.mean(when < 0.5) if len(x) else 0.0
-        text.append([name, len(own["time"]), len(x), f"{near:.2f}",
-                     f"{100 * change:.1f} / {100 * usual:.1f}", f"{left:.2f}"])  # fmt: skip
+        text.append([name, len(own["time"]), len(x),
+                     f"{back:.2f} / {np.mean(own['changes'][:, 0] < 0):.2f}",
+                     f"{100 * change:.1f} / {100 * usual:.1f}", f"{left:.2f} / 0.50"])  # fmt: skip
     trials.close()
     axes[0].add_patch(plt.Circle((0, 0), 0.4, fill=False, ec="0.5", ls=":"))
     axes[0].plot(0, 0, "k>", ms=8)
@@ -356,8 +388,9 @@ def falls(sim):
     axes[2].axvline(0.5, color="0.5", lw=1)
     axes[1].legend(fontsize=7)
     axes[0].legend(fontsize=7)
-    head = ["planner", "noisy goals", "falls", "closer than 0.4 m to the goal",
-            "change of step length, falls / usual [cm]", "while the left foot swings"]
+    head = ["planner", "noisy walks", "falls", "walking backward, falls / all steps",
+            "change of step length, falls / all steps [cm]",
+            "while the left foot swings, falls / all steps"]  # fmt: skip
     figure.suptitle(f"Where, after what and when the robot falls ({sim}, noise)")
     publish(sim, "falls", {"columns": "goal x, y, yaw; step length, the one before; moment",
                            "falls": found}, markdown(head, text), figure)  # fmt: skip
@@ -454,6 +487,7 @@ def robustness(sim):
     worlds = {
         "as trained": {},
         "half the time step": {"physics_dt": dt / 2},
+        # (on the plane a double step then takes 0.55 s instead of 0.56 s: whole ticks)
         "half the time step and control tick": {"physics_dt": dt / 2, "control_dt": control / 2},
         "friction 0.4": {"friction": 0.4},
         "friction 0.7": {"friction": 0.7},
@@ -484,7 +518,9 @@ STEPS = 100_000
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"config": {"distribution": "gaussian"}},
-    "first policy: broad": {"config": {"first_concentration": 2.02}, "centre": True},
+    # α = β = 1 + ln 2, what zero biases of the network's last layer would give
+    "first policy: broad": {"config": {"first_concentration": 2 + 2 * float(np.log(2))},
+                            "centre": True},
     "one previous action": {"hide": True},
     "with IMU": {"imu": True},
     "trained without noise": {"noise": False},
@@ -549,14 +585,9 @@ def ablate(sim, name, seed):
     trials = evaluate.evaluate(planner, world, goals, FIRST, noise=True)
     world.close()
     row = {"variant": name, "seed": seed, **row_of(trials, "policy", True),
-           "curve": [[r["steps"], round(r["success"], 4)] for r in rows]}  # fmt: skip
-    evaluate.write_json(result, plain(row))
-    return row
-
-
-def plain(row):
-    """JSON knows no nan."""
-    row["curve"] = [[steps, None if np.isnan(y) else y] for steps, y in row["curve"]]
+           "curve": [[r["steps"], None if np.isnan(r["success"]) else round(r["success"], 4)]
+                     for r in rows]}  # fmt: skip
+    evaluate.write_json(result, row)
     return row
 
 
@@ -581,7 +612,7 @@ def ablations(sim):
     jobs = [(sim, name, seed) for name in VARIANTS for seed in SEEDS]
     rows = []
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
+    with ProcessPoolExecutor(robot_model.CORES, mp_context=context) as pool:
         for row in tqdm(pool.map(ablate, *zip(*jobs, strict=True)), total=len(jobs)):
             rows.append(row)
     for row in rows:
@@ -613,7 +644,8 @@ def ablations(sim):
             markdown(head, lines), figure)  # fmt: skip
 
 
-STUDIES = {f.__name__: f for f in (seeds, imu, falls, noise, times, robustness, ablations)}
+STUDIES = {f.__name__: f for f in (seeds, imu, budget, falls, noise, times, robustness,
+                                   ablations)}
 
 
 def main():
@@ -628,7 +660,8 @@ def main():
     except KeyboardInterrupt:
         print("\ninterrupted: the same command continues", file=sys.stderr)
         sys.exit(130)
-    except (evaluate.InputError, ppo.PolicyError, OSError, KeyError) as error:
+    except (evaluate.InputError, ppo.PolicyError, OSError, KeyError,
+            subprocess.CalledProcessError) as error:
         parser.error(f"{error} (run `studies.py seeds` and `05_evaluate.py` first?)")
 
 

@@ -446,7 +446,7 @@ def test_demonstration_planner_reaches_goals(make, sim):
 @BOTH
 def test_benchmark_compares_with_the_physics_inside(sim, capsys):
     env.benchmark(sim, counts=(1, 3))
-    head, *rows = capsys.readouterr().out.splitlines()
+    _, head, *rows = capsys.readouterr().out.splitlines()
     columns = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
     assert all(name in head for name in columns)
     for count, row in zip((1, 3), rows, strict=True):

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 from importlib import import_module
@@ -351,3 +352,18 @@ def test_tuning_keeps_the_fastest_safe_setting(tmp_path, monkeypatch):
     if safe:
         fastest = min(safe, key=lambda row: row["time_mean"])
         assert stored["factor"] == fastest["factor"], "slower than another safe setting"
+
+
+def test_the_policy_for_the_figures_comes_first(tmp_path, monkeypatch):
+    shipped = Path(evaluate.__file__).parent / "results" / "mujoco"
+    shutil.copytree(shipped, tmp_path / "results" / "mujoco")
+    monkeypatch.chdir(tmp_path)
+    for imu, first in ((False, "policy"), (True, "policy_imu")):
+        planners, about = evaluate.choose_planners("mujoco", imu=imu)
+        assert next(iter(planners)) == next(iter(about)) == first
+        assert set(planners) == {"policy", "policy_imu", "baseline", "baseline_tuned"}
+        assert about["policy_imu"]["imu"] and not about["policy"]["imu"]
+    shutil.rmtree(tmp_path / "results" / "mujoco" / "imu")
+    assert "policy" in evaluate.choose_planners("mujoco")[0], "nobody asked for the other one"
+    with pytest.raises(evaluate.InputError, match="04_ppo.py --mujoco --imu"):
+        evaluate.choose_planners("mujoco", imu=True)

@@ -299,7 +299,7 @@ def test_policy_survives_the_disk_and_the_old_one_is_kept(tmp_path):
     old, new = ppo.ActorCritic(5, 2), ppo.ActorCritic(5, 2, distribution="gaussian")
     ppo.save_policy(path, old, META)
     ppo.save_policy(path, new, META)
-    model, meta = ppo.load_policy(path, fits={"simulator": "pymunk", "limits": (0.1, 0.2)})
+    model, meta = ppo.load_policy(path)
     assert np.array_equal(model.mode(obs), new.mode(obs))
     assert meta["steps"] == 10 and meta["distribution"] == "gaussian" and meta["fits"] == FITS
     previous, _ = ppo.load_policy(tmp_path / "policy.previous.pt")
@@ -307,12 +307,12 @@ def test_policy_survives_the_disk_and_the_old_one_is_kept(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.previous.pt", "policy.pt"]
 
 
-def test_policy_of_the_other_simulator_is_refused_and_both_are_named(tmp_path):
-    ppo.save_policy(tmp_path / "policy.pt", ppo.ActorCritic(5, 2), META)
-    with pytest.raises(ppo.PolicyError, match="simulator is pymunk in the file, but mujoco here"):
-        ppo.load_policy(tmp_path / "policy.pt", {"simulator": "mujoco", "limits": [9, 9]})
-    with pytest.raises(ppo.PolicyError, match=r"limits is \[0.1, 0.2\] in the file"):
-        ppo.load_policy(tmp_path / "policy.pt", {"simulator": "pymunk", "limits": [9, 9]})
+def test_a_difference_names_both_sides_and_the_simulator_first():
+    other = {"simulator": "mujoco", "limits": [9, 9]}
+    assert ppo.difference(FITS, other) == "simulator is pymunk in the file, but mujoco here"
+    other["simulator"] = "pymunk"
+    assert ppo.difference(FITS, other) == "limits is [0.1, 0.2] in the file, but [9, 9] here"
+    assert ppo.difference(FITS, dict(FITS)) == ""
 
 
 def test_foreign_files_are_refused_with_one_line(tmp_path):

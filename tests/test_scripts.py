@@ -68,7 +68,8 @@ def test_train_a_little_in_mujoco(tmp_path):
     _, rows = ppo.train(small, lambda n: env.FootstepVectorEnv(n, "mujoco", noise=True, imu=True),
                         tmp_path, 128, progress=False, fits=env.fingerprint("mujoco", True))
     assert rows[-1]["steps"] == 128
-    model, _ = ppo.load_policy(tmp_path / "policy.pt", env.fingerprint("mujoco", True))
+    model, meta = ppo.load_policy(tmp_path / "policy.pt")
+    assert meta["fits"]["simulator"] == "mujoco" and len(meta["fits"]["observation"]) == 25
     action = model.mode(env.FootstepVectorEnv(2, "mujoco", imu=True).reset(seed=0)[0])
     neutral = env.to_action(np.zeros((2, 3)), env.walk_engine.LIMITS["mujoco"])
     np.testing.assert_allclose(action, [neutral, neutral], atol=0.1, err_msg=(

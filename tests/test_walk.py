@@ -349,3 +349,11 @@ def test_fastest_speed_is_measured_and_not_commanded(name):
     moderate = (poses[0, -1, 0] - poses[0, 4, 0]) / (4 * period)
     assert 0.9 * moderate < speed < 2 * walk_engine.LIMITS[name].high[0] / period, (
         "at least that of a moderate walk, less than what the longest footsteps ask for")
+
+
+@BOTH
+def test_the_map_of_falls_knows_what_is_easy_and_what_is_impossible(name):
+    easy, wild = np.zeros((1, 2, 3)), np.tile([0.5, 0.0, 0.0], (1, 2, 1))
+    shares = walk_engine.fall_map(name, walk_engine.TUNED[name], np.concatenate([easy, easy, wild]),
+                                  np.concatenate([easy, wild, wild]), repeats=2)
+    assert shares.tolist() == [0, 1, 1], "on the spot; suddenly 0.5 m; always 0.5 m"
