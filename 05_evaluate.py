@@ -214,7 +214,7 @@ class BaselinePlanner:
 
 
 class PolicyPlanner:
-    """The trained policy; its action is the maximum ("mode") of its distribution."""
+    """The trained policy without exploring: see `beta_decision` in stage 04."""
 
     def __init__(self, model, imu=False):
         self.model, self.imu = model, imu
@@ -225,7 +225,7 @@ class PolicyPlanner:
     def act(self, world, robots, measured):
         """Actions [n, 6] of these robots."""
         world.imu = self.imu  # what `observe` returns
-        return self.model.mode(world.observe(robots, measured))
+        return self.model.decide(world.observe(robots, measured))
 
 
 def load_planner(path, sim):

@@ -2,6 +2,7 @@
 
     python tests/studies.py seeds        three trainings, 2,000 unseen goals each; ships the median
     python tests/studies.py imu          does feeling the torso's tilt prevent falls? 5,000 goals
+    python tests/studies.py decision     mode or mean of the policy's distribution?
     python tests/studies.py budget       what a training of 300,000 double steps costs and gives
     python tests/studies.py falls        where falls happen, after which change of step, and when
     python tests/studies.py noise        success and time against the size of the noise
@@ -140,10 +141,25 @@ class Trials:
         self.world = None
 
 
-def policy_trials(trials, path, title, noise, **more):
+class SharePlanner(evaluate.PolicyPlanner):
+    """A policy that decides between its mode (share 0) and its mean (share 1)."""
+
+    share = 0.5
+
+    def act(self, world, robots, measured):
+        world.imu = self.imu
+        with ppo.torch.no_grad():
+            observations = ppo.torch.as_tensor(world.observe(robots, measured))
+            return ppo.beta_decision(*self.model.policy(observations), self.share).numpy()
+
+
+def policy_trials(trials, path, title, noise, share=0.5, **more):
     """Trials of a policy file."""
     planner, _ = evaluate.load_planner(path, trials.sim)
-    return trials.run(title, planner, path.read_bytes(), noise, **more)
+    if share != SharePlanner.share:
+        planner = SharePlanner(planner.model, planner.imu)
+        planner.share = share
+    return trials.run(title, planner, (path.read_bytes(), share), noise, **more)
 
 
 def shipped(sim):
@@ -153,7 +169,7 @@ def shipped(sim):
     for name, file in (("policy", "policy.pt"), ("policy_imu", "imu/policy.pt")):
         if (folder / file).is_file():
             planner = evaluate.load_planner(folder / file, sim)[0]
-            found[name] = planner, (folder / file).read_bytes()
+            found[name] = planner, ((folder / file).read_bytes(), SharePlanner.share)
     settings = {"baseline": evaluate.BaselineSettings()}
     tuned = folder / "baseline_tuned.json"
     if tuned.is_file():
@@ -329,6 +345,25 @@ def imu(sim):
             "time ÷ that of `policy`, same seed"]  # fmt: skip
     publish(sim, "imu", {"goals": 10 * PER_SEED, "median_seed": chosen["policy_imu"], "rows": rows,
                          "means": means}, markdown(head, lines))  # fmt: skip
+
+
+def decision(sim):
+    """Mode, mean, or half-way: falls and time of all seeds, 1,000 noisy goals."""
+    results, trials, rows, lines = ROOT / "results" / sim, Trials(sim), [], []
+    for name, folder in (("policy", results / "seeds"), ("policy_imu", results / "imu" / "seeds")):
+        for rule, share in (("mode (paper)", 0.0), ("half-way (ours)", 0.5), ("mean", 1.0)):
+            own = []
+            for seed in SEEDS:
+                path = folder / str(seed) / "policy.pt"
+                trial = policy_trials(trials, path, f"{name}{seed}", True, share, count=2)
+                own.append({"rule": rule, "seed": seed, **row_of(trial, name, True)})
+            rows += own
+            lines.append([name, rule, spread([r["success"] for r in own], 4),
+                          spread([r["fall"] for r in own], 4),
+                          spread([r["time_mean"] for r in own], 2)])  # fmt: skip
+    trials.close()
+    head = ["planner", "decides by", "success", "fall", "time [s]"]
+    publish(sim, "decision", {"goals": 2 * PER_SEED, "rows": rows}, markdown(head, lines))
 
 
 def budget(sim):
@@ -553,7 +588,7 @@ class HiddenPlanner(evaluate.PolicyPlanner):
         world.imu = self.imu
         observations = world.observe(robots, measured)
         observations[:, LATER] = 0
-        return self.model.mode(observations)
+        return self.model.decide(observations)
 
 
 def ablate(sim, name, seed):
@@ -644,7 +679,7 @@ def ablations(sim):
             markdown(head, lines), figure)  # fmt: skip
 
 
-STUDIES = {f.__name__: f for f in (seeds, imu, budget, falls, noise, times, robustness,
+STUDIES = {f.__name__: f for f in (seeds, imu, decision, budget, falls, noise, times, robustness,
                                    ablations)}
 
 

@@ -83,6 +83,14 @@ def test_beta_mode_is_where_the_density_is_largest():
     assert ppo.beta_mode(torch.ones(1), torch.ones(1)).item() == pytest.approx(0.5), "0/0"
 
 
+def test_beta_decision_lies_between_mode_and_mean():
+    alpha, beta = torch.tensor([1.1, 5.0, 1.0]), torch.tensor([3.0, 2.0, 1.0])
+    mode, mean = ppo.beta_mode(alpha, beta), torch.distributions.Beta(alpha, beta).mean
+    torch.testing.assert_close(ppo.beta_decision(alpha, beta, 0.0), mode)
+    torch.testing.assert_close(ppo.beta_decision(alpha, beta, 1.0), mean)
+    torch.testing.assert_close(ppo.beta_decision(alpha, beta), (mode + mean) / 2)
+
+
 def test_clipped_objective_truth_table():
     table = [  # ratio, advantage, what may be gained with ε = 0.2
         (1.0, 2.0, 2.0), (1.5, 2.0, 2.4), (0.5, 2.0, 1.0),
@@ -110,8 +118,11 @@ def test_first_policy_is_around_first_action(distribution):
     first, obs = [0.2, 0.5, 0.8], np.random.default_rng(0).normal(size=(100, 4))
     torch.manual_seed(0)
     model = ppo.ActorCritic(4, 3, distribution=distribution, first_action=first)
-    mode = model.mode(obs)
+    mode = model.decide(obs)
     assert mode.shape == (100, 3) and mode.dtype == np.float32
+    if distribution == "beta":
+        with torch.no_grad():
+            mode = ppo.beta_mode(*model.policy(torch.tensor(obs, dtype=torch.float32)))
     np.testing.assert_allclose(mode, np.tile(first, (100, 1)), atol=0.02, err_msg=(
         "the bias must be softplus⁻¹(m·(c−2)), and the last layer's weights small"))
     if distribution == "beta":
@@ -126,7 +137,7 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
         assert (alpha >= 1).all() and (beta >= 1).all() and torch.isfinite(alpha + beta).all()
         x = head.sample(alpha, beta)
         assert torch.isfinite(head.log_prob(x, alpha, beta)).all(), "keep samples off 0 and 1"
-        assert torch.isfinite(head.mode(alpha, beta)).all()
+        assert torch.isfinite(head.decide(alpha, beta)).all()
 
 
 # ---------------------------------------------------------------- worlds that isolate one fault
@@ -214,7 +225,7 @@ def test_action_goes_to_the_target(tmp_path, distribution):
         yes = np.ones(len(obs), bool)
         return obs, -((action[:, 0] - 1.2) ** 2), yes, ~yes
     cfg = ppo.PPOConfig(**{**vars(SMALL), "distribution": distribution})
-    mode = learn(zero, play, tmp_path, cfg=cfg).mode(np.zeros((1, 1)))
+    mode = learn(zero, play, tmp_path, cfg=cfg).decide(np.zeros((1, 1)))
     assert mode.item() == pytest.approx(0.8, abs=0.05), (
         "wrong sign of the objective, or actions not scaled from [0, 1] to [low, high]")
 
@@ -223,7 +234,7 @@ def test_action_depends_on_the_observation(tmp_path):
     def play(obs, action):  # best action −1 (0.25 of [0, 1]) at 0, and +1 (0.75) at 1
         yes = np.ones(len(obs), bool)
         return obs, -((action[:, 0] - (2 * obs[:, 0] - 1)) ** 2), yes, ~yes
-    mode = learn(either, play, tmp_path).mode(np.array([[0.0], [1.0]]))[:, 0]
+    mode = learn(either, play, tmp_path).decide(np.array([[0.0], [1.0]]))[:, 0]
     np.testing.assert_allclose(mode, [0.25, 0.75], atol=0.08, err_msg=(
         "do observation, action and advantage still belong together after shuffling?"))
 
@@ -300,7 +311,7 @@ def test_policy_survives_the_disk_and_the_old_one_is_kept(tmp_path):
     ppo.save_policy(path, old, META)
     ppo.save_policy(path, new, META)
     model, meta = ppo.load_policy(path)
-    assert np.array_equal(model.mode(obs), new.mode(obs))
+    assert np.array_equal(model.decide(obs), new.decide(obs))
     assert meta["steps"] == 10 and meta["distribution"] == "gaussian" and meta["fits"] == FITS
     previous, _ = ppo.load_policy(tmp_path / "policy.previous.pt")
     assert same(previous, old)

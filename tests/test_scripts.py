@@ -70,7 +70,7 @@ def test_train_a_little_in_mujoco(tmp_path):
     assert rows[-1]["steps"] == 128
     model, meta = ppo.load_policy(tmp_path / "policy.pt")
     assert meta["fits"]["simulator"] == "mujoco" and len(meta["fits"]["observation"]) == 25
-    action = model.mode(env.FootstepVectorEnv(2, "mujoco", imu=True).reset(seed=0)[0])
+    action = model.decide(env.FootstepVectorEnv(2, "mujoco", imu=True).reset(seed=0)[0])
     neutral = env.to_action(np.zeros((2, 3)), env.walk_engine.LIMITS["mujoco"])
     np.testing.assert_allclose(action, [neutral, neutral], atol=0.1, err_msg=(
         "a policy that knows nothing yet should step on the spot"))
