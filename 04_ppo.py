@@ -17,7 +17,7 @@ stage 05's harder rows (--no-noise: exactly). The paper took 1,000,000 steps. On
 in MuJoCo, 0.07 ms per step for learning, the rest simulation. --quick takes 45 seconds on pymunk;
 its policy reaches the goals, too, but needs about three times as long as the shipped one.
 
-The Pendulum command takes 20 seconds; its deterministic policy then returns −161, −162, −160 with
+The Pendulum command takes 20 seconds; its deterministic policy then returns −169, −172, −167 with
 --seed 0, 1, 2 (mean of 100 episodes; an untrained one about −1200).
 
 The loop. (1) Collect: N robots take T steps each, with actions drawn from the policy's
