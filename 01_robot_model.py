@@ -31,6 +31,7 @@ from pathlib import Path
 import numpy as np
 
 LEFT, RIGHT = 0, 1
+# Cores that this process may use; not every system tells, then all of them.
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has

@@ -1,8 +1,9 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
 Covers: section II of the paper, "Policy" (two hidden layers of 64 neurons, a Beta distribution for
-each action variable) and the training with PPO. The paper used
-Stable-Baselines3; here it is written out, so that every equation has a line to point at.
+each action variable) and the training with PPO. The paper used Stable-Baselines3; here it is
+written out, so that every equation has a line to point at. One departure: without exploring, the
+paper acts by the distribution's mode, we half-way between mode and mean (see `beta_decision`).
 
     python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
@@ -62,6 +63,7 @@ import matplotlib.pyplot as plt
 SAME_STEP = gym.vector.AutoresetMode.SAME_STEP  # the step that ends an episode resets it, too
 OUTCOMES = ("success", "fall", "timeout", "time")  # what an environment may report at the end
 STEPS, QUICK_STEPS = 500_000, 60_000  # double steps of a training
+MEAN_SHARE = 0.5  # [-] of the mean, the rest is the mode, in a decision; tuned
 COLUMNS = ("steps", "minutes", "return", "length", *OUTCOMES, "entropy", "clip_fraction",
            "approx_kl", "explained_variance", "value_loss", "learning_rate",
            "learning_ms")  # wall-clock of everything but simulation, per step
@@ -175,12 +177,12 @@ def beta_mode(alpha, beta):
     return (alpha - 1 + tiny) / (alpha + beta - 2 + 2 * tiny)
 
 
-def beta_decision(alpha, beta, share=0.5):
-    """What to do when it counts: between the mode (share 0) and the mean (share 1); tuned.
+def beta_decision(alpha, beta, share=MEAN_SHARE):
+    """What to do when it counts [..., k]: between the mode (share 0) and the mean (share 1).
 
     The paper takes the mode. But the training rewards what the samples do, and near a limit the
     mode is far from most of them: with α = 1.1, β = 3 it is 0.05, the mean of the samples 0.27. A
-    policy that never falls while exploring may fall over its own mode; its mean is slower.
+    policy that masters a manoeuvre while exploring may fall over its mode; its mean is slower.
     """
     # a = (1 − share)·mode + share·mean,  mean = α / (α + β)
     return (1 - share) * beta_mode(alpha, beta) + share * alpha / (alpha + beta)

@@ -144,7 +144,9 @@ class Trials:
 class SharePlanner(evaluate.PolicyPlanner):
     """A policy that decides between its mode (share 0) and its mean (share 1)."""
 
-    share = 0.5
+    def __init__(self, model, imu, share):
+        super().__init__(model, imu)
+        self.share = share
 
     def act(self, world, robots, measured):
         world.imu = self.imu
@@ -153,12 +155,11 @@ class SharePlanner(evaluate.PolicyPlanner):
             return ppo.beta_decision(*self.model.policy(observations), self.share).numpy()
 
 
-def policy_trials(trials, path, title, noise, share=0.5, **more):
+def policy_trials(trials, path, title, noise, share=ppo.MEAN_SHARE, **more):
     """Trials of a policy file."""
     planner, _ = evaluate.load_planner(path, trials.sim)
-    if share != SharePlanner.share:
-        planner = SharePlanner(planner.model, planner.imu)
-        planner.share = share
+    if share != ppo.MEAN_SHARE:
+        planner = SharePlanner(planner.model, planner.imu, share)
     return trials.run(title, planner, (path.read_bytes(), share), noise, **more)
 
 
@@ -169,7 +170,7 @@ def shipped(sim):
     for name, file in (("policy", "policy.pt"), ("policy_imu", "imu/policy.pt")):
         if (folder / file).is_file():
             planner = evaluate.load_planner(folder / file, sim)[0]
-            found[name] = planner, ((folder / file).read_bytes(), SharePlanner.share)
+            found[name] = planner, ((folder / file).read_bytes(), ppo.MEAN_SHARE)
     settings = {"baseline": evaluate.BaselineSettings()}
     tuned = folder / "baseline_tuned.json"
     if tuned.is_file():
@@ -351,7 +352,9 @@ def decision(sim):
     """Mode, mean, or half-way: falls and time of all seeds, 1,000 noisy goals."""
     results, trials, rows, lines = ROOT / "results" / sim, Trials(sim), [], []
     for name, folder in (("policy", results / "seeds"), ("policy_imu", results / "imu" / "seeds")):
-        for rule, share in (("mode (paper)", 0.0), ("half-way (ours)", 0.5), ("mean", 1.0)):
+        for rule, share in (
+            ("mode (paper)", 0.0), ("half-way (ours)", ppo.MEAN_SHARE), ("mean", 1.0)
+        ):
             own = []
             for seed in SEEDS:
                 path = folder / str(seed) / "policy.pt"

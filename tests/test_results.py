@@ -117,10 +117,22 @@ def test_the_imu_study_is_complete_and_ships_the_median(sim):
 
 
 @pytest.mark.parametrize("sim", SIMS)
-def test_feeling_the_tilt_prevents_falls(sim):
+def test_with_imu_falls_are_halved_or_rare_anyway(sim):
     study = json.loads((ROOT / "results" / sim / "studies/imu.json").read_text(encoding="utf-8"))
     without, with_imu = (mean["fall"] for mean in study["means"])
     assert with_imu <= 0.5 * without or max(without, with_imu) <= 0.001
+
+
+def test_half_way_from_mode_to_mean_is_where_falls_are_rare():
+    path = ROOT / "results/mujoco/studies/decision.json"
+    rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
+    for planner in ("policy", "policy_imu"):
+        fall, time = ({rule: np.mean([r[key] for r in rows
+                                      if (r["planner"], r["rule"]) == (planner, rule)])
+                       for rule in ("mode (paper)", "half-way (ours)", "mean")}
+                      for key in ("fall", "time_mean"))
+        assert fall["half-way (ours)"] <= 0.5 * fall["mode (paper)"]
+        assert time["half-way (ours)"] <= 1.04 * time["mode (paper)"] < time["mean"]
 
 
 @pytest.mark.parametrize("sim", SIMS)
