@@ -2,41 +2,41 @@
 
 Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode.
 
-    python 03_env.py                random and hand-written planner side by side; seconds
-    python 03_env.py --benchmark    double steps per second of the environment and of bare physics
+    python 03_env.py      a random and a hand-written planner side by side; seconds
 
-(both with `--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints the
-observation and action tables and where the time goes; writes `runs/<sim>/03_*.png`.
+(`--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints both tables and how
+the episodes end, and writes `runs/<sim>/03_rewards.png`. Predict: of which reward terms does the
+hand-written planner earn most, and which ones does it pay?
 
-`FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` shows it to PPO as a
-`gymnasium.vector.VectorEnv`, `FootstepEnv` ("Footsteps-v0") one robot of it as a `gymnasium.Env`.
+The words. An episode is one walk, from standing to the goal, a fall or the end of the time. A
+planner chooses the actions; a policy is a planner that is learned: a function from the observation
+to an action. The return of an episode is G = r₀ + γ·r₁ + γ²·r₂ + …; the discount γ, a bit less than
+1, makes later rewards count less. An episode is terminated when nothing can follow (goal, fall) and
+truncated when only the recording stops (time is up): stage 4 must tell these apart.
 
-Reconstructed (the paper gives only names and captions): the four reward formulas and their
-scalars, the encoding of the observation, the spread of goals and noise; each is marked below.
+`FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` shows it to PPO, the learning
+method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-v0") shows one robot
+of it to other libraries as a `gymnasium.Env`.
+
+Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
+the encoding of the observation, the spread of goals and noise.
 """
 
 import math
-import multiprocessing
-import os
-import re
-import time
 from dataclasses import asdict, dataclass
 from importlib import import_module
-from pathlib import Path
 
 import gymnasium as gym
+import matplotlib.pyplot as plt
 import numpy as np
 
-# A module name may not start with a digit in an import statement, hence import_module.
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
 wrap = robot_model.wrap
 
-
 @dataclass(frozen=True)
 class Task:
     """The task; source "paper", or "ours" where the paper is silent."""
-
     goal_std_m: float = 1.0  # [m] goals: x, y ~ N(0, 1 m); ours
     goal_std_rad: float = math.pi / 2  # [rad] goals: yaw ~ N(0, π/2), wrapped; ours
     success_m: float = 0.05  # [m] paper
@@ -54,76 +54,76 @@ class Task:
     # Our three:
     s_fall: float = 4.0  # [-] the price of a fall
     s_goal: float = 1.0  # [-] the prize at the goal
-    s_time: float = 0.01  # [-] per double step; never to arrive costs 0.01 / (1 − γ) = 0.5
-
+    s_time: float = 0.01  # [-] a double step; for ever: 0.01 / (1 − γ) = 0.5 with γ = 0.98
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
 # robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
 GOAL_TABLE = (
-    ("distance d, at most 3 m", "m", 0.0, 3.0),
-    ("near x: 2·d·cos β, at most ±0.5 m of goal", "m / 2", -1.0, 1.0),
-    ("near y: 2·d·sin β, at most ±0.5 m of goal", "m / 2", -1.0, 1.0),
+    ("distance d, clipped", "m", 0.0, 3.0),
+    ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
+    ("y = d·sin β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     ("cos β", "1", -1.0, 1.0),
     ("sin β", "1", -1.0, 1.0),
     ("cos α", "1", -1.0, 1.0),
     ("sin α", "1", -1.0, 1.0),
     ("α / π", "π rad", -1.0, 1.0),
 )
+# What the next step can do depends on how the body moves now; without a sensor, the last two
+# actions tell.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple(
-    (f"{name}, {ago}", "share of limits, −1…1", -1.0, 1.0)
-    for ago in ("last action", "action before")
-    for name in ACTION_NAMES
-)
+PREVIOUS_TABLE = tuple((f"{name}, {ago}", "share of limits, −1…1", -1.0, 1.0)
+                       for ago in ("last action", "action before") for name in ACTION_NAMES)
 IMU_TABLE = (
-    ("torso roll × 4", "rad / 4", -4.0, 4.0),
-    ("torso pitch × 4", "rad / 4", -4.0, 4.0),
-    ("angular velocity x", "rad/s", -10.0, 10.0),
-    ("angular velocity y", "rad/s", -10.0, 10.0),
-    ("angular velocity z", "rad/s", -10.0, 10.0),
+    ("torso roll", "0.25 rad", -4.0, 4.0),
+    ("torso pitch", "0.25 rad", -4.0, 4.0),
+    *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
-STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # separate random numbers for each
-
+STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
+def stream(name, seed, *more):
+    """A random generator of its own for every purpose, seed, and number of a trial."""
+    # + 1, because numpy takes (seed, 0) for the same as (seed).
+    numbers = [STREAMS[name], seed, *(number + 1 for number in more)]
+    return np.random.default_rng(np.random.SeedSequence(numbers))
 
-def stream(name, *seed):
-    """The random generator of a named purpose."""
-    return np.random.default_rng(np.random.SeedSequence([STREAMS[name], *seed]))
+def checked(name, value, *shape):
+    """The value as an array of that shape; one line of ValueError if it is none, or not finite."""
+    try:
+        array = np.asarray(value, float)
+    except (TypeError, ValueError):
+        array = np.array(math.nan)
+    if array.shape != shape or not array.size or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}"
+                         .replace("\n", " "))
+    return array
 
-
+# ------------------------------------------------------------------------ goal, action, reward
 def draw_goals(rng, count, task=Task()):
     """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
-    scale = (task.goal_std_m, task.goal_std_m, task.goal_std_rad)
-    goals = rng.normal(size=(count, 3)) * scale
+    goals = rng.normal(size=(count, 3)) * (task.goal_std_m, task.goal_std_m, task.goal_std_rad)
     goals[:, 2] = wrap(goals[:, 2])
     return goals
 
-
 def polar(goal):
-    """d [m], α, β [rad] of goals seen from the robot, [..., 3] (x, y, yaw)."""
-    return np.hypot(goal[..., 0], goal[..., 1]), wrap(goal[..., 2]), np.arctan2(
-        goal[..., 1], goal[..., 0]
-    )  # fmt: skip
-
+    """d [m], α, β [rad], each [...], of goals seen from the robot, [..., 3] (x, y, yaw)."""
+    x, y, yaw = np.moveaxis(goal, -1, 0)
+    return np.hypot(x, y), wrap(yaw), np.arctan2(y, x)
 
 def encode_goal(goal):
     """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
-    near = np.clip(2 * goal[..., :2], -1, 1)
-    return np.stack(
-        [np.minimum(d, 3.0), near[..., 0], near[..., 1], np.cos(beta), np.sin(beta),
-         np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)  # fmt: skip
-
+    x, y = np.clip(2 * goal[..., 0], -1, 1), np.clip(2 * goal[..., 1], -1, 1)
+    return np.stack([np.minimum(d, 3.0), x, y, np.cos(beta), np.sin(beta),
+                     np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
 
 def to_footsteps(action, limits):
     """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper."""
     low, high = np.array(limits.low), np.array(limits.high)
     return low + np.reshape(action, (*np.shape(action)[:-1], 2, 3)) * (high - low)
-
 
 def to_action(footsteps, limits):
     """The action [..., 6] of footsteps [..., 2, 3]; inverse of `to_footsteps`, clipped."""
@@ -131,13 +131,16 @@ def to_action(footsteps, limits):
     share = np.clip((footsteps - low) / (high - low), 0, 1)
     return share.reshape(*share.shape[:-2], 6)
 
-
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     """The seven scaled terms by name, each [n]; their sum is the reward.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]. Distance, angle and orientation pay for progress: undiscounted, walking in a circle
-    pays nothing; discounted (γ < 1), every double step spent farther away costs.
+    [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress: each is Φ′ − Φ
+    of some quantity Φ. Added up without a discount, only the ends are left,
+        Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start,   so a circle pays nothing; with a discount γ < 1,
+        Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},   t = 0 … T − 1:
+    as Φ is negative away from the goal (−d), every double step spent there costs (1 − γ)·|Φ|. Look
+    up: potential-based shaping (Ng, Harada, Russell, 1999); theirs, γ·Φ′ − Φ, has no such cost.
     """
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
@@ -149,56 +152,55 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d)
     orient = np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)
     # r_c = −Σ (footstep length − last footstep length)², in shares of the limits, x and y
-    lengths = [0, 1, 3, 4]
-    continuity = -((action - last_action)[:, lengths] ** 2).sum(-1)
-    return {
-        "r_d": task.s_d * distance,
-        "r_a": task.s_a * angle,
-        "r_o": task.s_o * orient,
-        "r_c": task.s_c * continuity,
-        "r_fall": -task.s_fall * fall,
-        "r_goal": task.s_goal * success,
-        "r_time": np.full(len(d0), -task.s_time),
-    }
+    x_and_y = [0, 1, 3, 4]
+    continuity = -((action - last_action)[:, x_and_y] ** 2).sum(-1)
+    return {"r_d": task.s_d * distance, "r_a": task.s_a * angle, "r_o": task.s_o * orient,
+            "r_c": task.s_c * continuity, "r_fall": -task.s_fall * fall,
+            "r_goal": task.s_goal * success, "r_time": np.full(len(d0), -task.s_time)}
 
-
+# ------------------------------------------------------------------------ the world
 class FootstepWorld:
-    """N robots on their way to N goals. Every method takes the indices [n] of some of them."""
+    """N robots on their way to N goals. `robots` are always the indices [n] of some of them.
 
-    def __init__(self, num_robots, sim="pymunk", noise=False, imu=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel()):  # fmt: skip
-        kind = robot_model.SIMULATORS[sim]
-        self.task, self.imu, self.noise = task, imu, noise
-        self.limits = walk_engine.LIMITS[sim]
-        parameters = walk_engine.TUNED[sim]
-        self.engine = walk_engine.WalkEngine(num_robots, parameters, robot, kind.planar)
-        self.sim = kind(num_robots, self.engine.stance, robot, cores)
+    Every robot has a random generator of its own, for its goals and its noise: so N robots together
+    do the same as each of them alone.
+    """
+
+    def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
+                 robot=robot_model.RobotModel()):
+        if sim not in walk_engine.LIMITS:
+            raise ValueError(f"sim must be {' or '.join(walk_engine.LIMITS)}, got {sim!r}")
+        self.task, self.limits = task, walk_engine.LIMITS[sim]
+        self.noise = noise  # is the goal measured with noise?
+        parameters, planar = walk_engine.TUNED[sim], sim == "pymunk"
+        self.engine = walk_engine.WalkEngine(num_robots, parameters, robot, planar)
+        self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
-        self.rng = [None] * num_robots  # one generator a robot: its goal and its noise
+        self.rng = [np.random.default_rng() for _ in range(num_robots)]
         self.goal = np.zeros((num_robots, 3))
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
         self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
         self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
-        self.seconds = {"planning": 0.0, "physics": 0.0}  # wall-clock, for the benchmark
 
-    def reset(self, robots, rngs, goals=None):
-        """Start episodes of these robots: standing at the origin, goal drawn from their rng."""
+    def reset(self, robots, rngs=(), goals=None):
+        """Start episodes: standing at the origin; rngs and goals [n, 3]: new ones, if given."""
         robots = np.asarray(robots)
+        if goals is not None:
+            goals = checked("goals", goals, len(robots), 3)
         for i, rng in zip(robots, rngs):
             self.rng[i] = rng
         if goals is None:
-            goals = np.concatenate([draw_goals(rng, 1, self.task) for rng in rngs])
+            goals = np.concatenate([draw_goals(self.rng[i], 1, self.task) for i in robots])
         self.sim.reset(robots)
         self.engine.reset(robots)
         self.goal[robots], self.pose[robots], self.steps[robots] = goals, 0, 0
-        self.tilt[robots] = 0
-        self.tilt[robots, 1] = self.engine.parameters.trunk_pitch
+        self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
 
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
-        return walk_engine.relative(self.pose[robots], self.goal[robots])
+        return robot_model.relative(self.pose[robots], self.goal[robots])
 
     def measure(self, robots):
         """The goal as the robot measures it [n, 3]: with noise, drawn anew at every call."""
@@ -209,31 +211,27 @@ class FootstepWorld:
         goal[:, 2] = wrap(goal[:, 2])
         return goal
 
-    def observe(self, robots, measured=None):
-        """Observations [n, 20 or 25], float32, as in `observation_table`."""
-        goal = self.measure(robots) if measured is None else measured
-        parts = [encode_goal(goal), 2 * self.actions[robots].reshape(len(goal), 12) - 1]
-        if self.imu:
+    def observe(self, robots, measured, imu=False):
+        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
+        parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
+        if imu:
             low, high = np.array([row[2:] for row in IMU_TABLE]).T
             parts.append(np.clip(self.tilt[robots] * [4, 4, 1, 1, 1], low, high))
         return np.concatenate(parts, -1).astype(np.float32)
 
     def step(self, actions, robots):
-        """One double step of these robots; actions [n, 6] in [0, 1].
+        """One double step of these robots; actions [n, 6], clipped to [0, 1].
 
         Returns a dict of arrays [n]: success, fall, timeout (bool), time [s], reward, and
-        reward_terms by name; and the Motion and the footsteps executed [n, 2, 3].
+        reward_terms by name; and the simulator's Motion.
         """
-        actions = np.clip(np.asarray(actions, float), 0, 1)
+        actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before, last = self.relative_goal(robots), self.actions[robots, 0]
-        clock = time.perf_counter()
-        trajectory, executed = self.engine.plan(to_footsteps(actions, self.limits), robots)
-        planned = time.perf_counter()
+        trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
         motion = self.sim.run(trajectory, robots)
-        self.seconds["planning"] += planned - clock
-        self.seconds["physics"] += time.perf_counter() - planned
-        self.pose[robots] = motion.pose
-        self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
+        self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
+        roll_pitch = motion.torso[:, -1, 3:5]  # [n, 2] at the last control tick
+        self.tilt[robots] = np.concatenate([roll_pitch, motion.spin], -1)
         self.actions[robots, 1], self.actions[robots, 0] = last, actions
         self.steps[robots] += 1
         after = self.relative_goal(robots)
@@ -245,284 +243,169 @@ class FootstepWorld:
         late = seconds + self.engine.period > self.task.time_limit + 1e-9
         timeout = late & ~success & ~motion.fell
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
-        return {
-            "success": success, "fall": motion.fell, "timeout": timeout, "time": seconds,
-            "reward": sum(terms.values()), "reward_terms": terms,
-            "motion": motion, "executed": executed,
-        }  # fmt: skip
+        return {"success": success, "fall": motion.fell, "timeout": timeout, "time": seconds,
+                "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
     def close(self):
         """End the simulator's threads or processes."""
         self.sim.close()
 
+def fingerprint(sim, imu=False):
+    """What a policy was made for, in plain values; it is stored with the policy."""
+    return {"simulator": sim, "observation": [row[0] for row in observation_table(imu)],
+            "step limits": asdict(walk_engine.LIMITS[sim]),
+            "walk parameters": asdict(walk_engine.TUNED[sim])}
 
-def walk_episodes(world, act, robots, watch=None):
-    """Walk until the episode of each of these robots [n], just reset, has ended.
-
-    act(world, robots, measured) returns actions [m, 6] for the robots that still walk and the
-    goals [m, 3] that they measured; watch(robots, result) is called after every `world.step`.
-    Returns outcomes [n]: "success", "fall" or "timeout".
-    """
-    outcome = np.full(len(world.steps), "running", "<U7")
-    active = np.asarray(robots)
-    while len(active):
-        measured = world.measure(active)  # [m, 3] one measurement per decision
-        actions = act(world, active, measured)  # [m, 6]
-        if np.shape(actions) != (len(active), 6) or not np.isfinite(actions).all():
-            raise ValueError(f"a planner must return {len(active)} × 6 finite numbers in [0, 1]")
-        result = world.step(actions, active)
-        for name in ("success", "fall", "timeout"):  # judged by the pose that physics made
-            outcome[active[result[name]]] = name
-        if watch:
-            watch(active, result)
-        active = active[outcome[active] == "running"]
-    return outcome[robots]
-
-
+# ------------------------------------------------------------------------ Gymnasium
 def spaces(imu):
     """Observation and action space of one robot."""
     low, high = np.array([row[2:] for row in observation_table(imu)], np.float32).T
     return gym.spaces.Box(low, high), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
 
-
-def fingerprint(sim, imu=False):
-    """What a policy was made for, in plain values; it is stored with the policy."""
-    return {
-        "simulator": sim,
-        "observation": [row[0] for row in observation_table(imu)],
-        "step limits": asdict(walk_engine.LIMITS[sim]),
-        "walk parameters": asdict(walk_engine.TUNED[sim]),
-    }
-
-
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished one starts anew in the SAME step:
 
     `step` returns the first observation of the new episode, and the last one of the old episode in
-    `infos["final_obs"]`: PPO needs that one to bootstrap a time-out.
+    `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
+    estimated ("bootstrapped") from there. `infos["_final_obs"][i]`: has robot i's episode ended?
+    (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
     """
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **world):
-        self.num_envs = num_envs
+    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
+        self.num_envs, self.imu = num_envs, imu
         self.single_observation_space, self.single_action_space = spaces(imu)
         batch = gym.vector.utils.batch_space
         self.observation_space = batch(self.single_observation_space, num_envs)
         self.action_space = batch(self.single_action_space, num_envs)
-        self.world = FootstepWorld(num_envs, sim, noise, imu, **world)
+        self.world = FootstepWorld(num_envs, sim, noise, **settings)
         self.neutral_action = self.world.neutral_action
         self._everybody = np.arange(num_envs)
 
+    def _observe(self, robots):
+        return self.world.observe(robots, self.world.measure(robots), self.imu)
+
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i has the seed + i. options["goals"] [N, 3] sets the goals."""
-        rngs = self.world.rng
-        if isinstance(seed, (int, np.integer)):
-            seed = [int(seed) + i for i in range(self.num_envs)]
+        rngs = ()
         if seed is not None:
-            rngs = [stream("training", s) for s in seed]
-        elif rngs[0] is None:
-            fresh = np.random.SeedSequence().generate_state(self.num_envs)
-            rngs = [stream("training", s) for s in fresh]
+            rngs = [stream("training", int(seed) + i) for i in self._everybody]
         self.world.reset(self._everybody, rngs, (options or {}).get("goals"))
-        return self.world.observe(self._everybody), {}
+        return self._observe(self._everybody), {}
 
     def step(self, actions):
         """See `FootstepWorld.step`; infos hold the reward terms, and final_obs, final_info."""
-        world = self.world
-        result = world.step(actions, self._everybody)
+        result = self.world.step(actions, self._everybody)
         terminated, truncated = result["success"] | result["fall"], result["timeout"]
-        observations = world.observe(self._everybody)
+        observations, done = self._observe(self._everybody), terminated | truncated
         infos = {"reward_terms": result["reward_terms"]}
-        done = terminated | truncated
         if done.any():
             ended = np.flatnonzero(done)
             final = {key: result[key] for key in ("success", "fall", "timeout", "time")}
             infos["final_obs"], infos["_final_obs"] = observations.copy(), done
             infos["final_info"] = {**final, **{f"_{key}": done for key in final}}
             infos["_final_info"] = done
-            world.reset(ended, [world.rng[i] for i in ended])
-            observations[ended] = world.observe(ended)
+            self.world.reset(ended)
+            observations[ended] = self._observe(ended)
         return observations, result["reward"], terminated, truncated, infos
 
     def close_extras(self, **_):
         """Called once by `close`."""
         self.world.close()
 
-
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
 
     metadata = {"render_modes": []}
 
-    def __init__(self, sim="pymunk", noise=False, imu=False, render_mode=None, **world):
+    def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
         self.observation_space, self.action_space = spaces(imu)
-        self.render_mode = render_mode
-        self.world = FootstepWorld(1, sim, noise, imu, cores=1, **world)
-        self.neutral_action = self.world.neutral_action
+        self.imu, self.world = imu, FootstepWorld(1, sim, noise, cores=1, **settings)
+
+    def _observe(self):
+        return self.world.observe([0], self.world.measure([0]), self.imu)[0]
 
     def reset(self, *, seed=None, options=None):
         """A new episode; options["goal"] = (x, y, yaw) sets its goal."""
-        if seed is not None:
-            self._np_random, self._np_random_seed = stream("training", seed), seed
+        if seed is not None:  # the generator that robot 0 of the vector environment has
+            self.np_random = stream("training", seed)
+            self._np_random_seed = seed
         goal = (options or {}).get("goal")
-        goals = None if goal is None else np.reshape(goal, (1, 3))
+        goals = None if goal is None else checked("goal", goal, 3)[None]
         self.world.reset([0], [self.np_random], goals)
-        return self.world.observe([0])[0], {}
+        return self._observe(), {}
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
-        result = self.world.step(np.reshape(action, (1, 6)), [0])
+        result = self.world.step(checked("action", action, 6)[None], [0])
         info = {key: result[key][0] for key in ("success", "fall", "timeout", "time")}
         info["reward_terms"] = {name: float(r[0]) for name, r in result["reward_terms"].items()}
-        terminated = bool(info["success"] or info["fall"])
-        observation = self.world.observe([0])[0]
-        return observation, float(result["reward"][0]), terminated, bool(info["timeout"]), info
+        terminated, truncated = bool(info["success"] or info["fall"]), bool(info["timeout"])
+        return self._observe(), float(result["reward"][0]), terminated, truncated, info
 
     def close(self):
         """End the simulator."""
         self.world.close()
 
-
 gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=FootstepVectorEnv)
 
+# ------------------------------------------------------------------------ demonstration
+def hand_written(measured, limits):
+    """A planner: walk to the goal, facing it from afar and turning like it nearby.
 
-# ---------------------------------------------------------------------------- demonstration
-
-
-def hand_written(world, robots, measured):
-    """A planner to compare with: turn towards the goal, walk, turn to its orientation.
-
-    It takes half of what the limits allow and knows nothing about dynamics. Actions [n, 6].
+    It knows nothing about dynamics and takes at most half of what the limits allow.
+    Goals as measured [n, 3] -> actions [n, 6].
     """
     d, alpha, beta = polar(measured)
-    turn = np.where(d > 0.5, beta, alpha)  # [n] where to look
-    low, high = np.array(world.limits.low) / 2, np.array(world.limits.high) / 2
-    footsteps = np.zeros((len(robots), 2, 3))
-    # Two steps share the way forward; sideways only the leading foot steps outward.
+    turn = np.where(d > 0.5, beta, alpha)  # [n] where to look; from half a metre on: our choice
+    low, high = np.array(limits.low) / 2, np.array(limits.high) / 2
+    footsteps = np.zeros((len(measured), 2, 3))
+    # Both feet share the way forward; sideways only the leading foot steps outward.
     footsteps[:, :, 0] = np.clip(measured[:, 0] / 2, low[0], high[0])[:, None]
     footsteps[:, 0, 1] = np.clip(measured[:, 1], 0, high[1])
     footsteps[:, 1, 1] = np.clip(-measured[:, 1], 0, high[1])
     footsteps[:, :, 2] = np.clip(turn / 2, low[2], -low[2])[:, None] * walk_engine.MIRROR[:, 2]
-    return to_action(footsteps, world.limits)
-
-
-def plot_terms(terms, path, title):
-    """Reward terms of one episode, per double step and added up."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    steps = np.arange(1, len(terms) + 1)
-    for name in terms[0]:
-        values = np.array([row[name] for row in terms])
-        axes[0].plot(steps, values, ".-", label=name)
-        axes[1].plot(steps, np.cumsum(values), label=name)
-    total = np.cumsum([sum(row.values()) for row in terms])
-    axes[1].plot(steps, total, "k", lw=2, label="all")
-    axes[0].set(title="reward terms", xlabel="double step", ylabel="reward [-]")
-    axes[1].set(title="their sums so far", xlabel="double step", ylabel="sum of rewards [-]")
-    axes[1].legend(ncols=2, fontsize=8)
-    for axis in axes:
-        axis.grid(alpha=0.3)
-    figure.suptitle(title)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
-
-
-def memory():
-    """Memory of this process and its children [bytes]; nan where /proc does not tell."""
-    try:
-        processes = [os.getpid(), *(p.pid for p in multiprocessing.active_children())]
-        statuses = [Path(f"/proc/{pid}/status").read_text() for pid in processes]
-    except OSError:
-        return math.nan
-    return sum(1024 * int(re.search(r"VmRSS:\s+(\d+)", text)[1]) for text in statuses)
-
-
-def benchmark(sim, imu=False, seed=0, counts=(1, 4, 16, 64, 256)):
-    """Prints double steps per second of the environment and of bare physics, by number of robots.
-
-    Bare physics: the same physics steps of the same walk, timed inside the simulator, without
-    plans, motor targets, measurements and rewards. Memory: what the robots add to the processes,
-    which are counted after they have started.
-    """
-    print("double steps per second; planning: its share of the environment's time")
-    head = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
-    print("{:>6s} {:>12s} {:>13s} {:>6s} {:>9s} {:>13s}".format(*head))
-    for count in counts:
-        env = FootstepVectorEnv(count, sim, imu=imu)
-        env.world.sim.bare_seconds()  # by its answer all worker processes have started
-        empty = memory()
-        env.reset(seed=seed)
-        action = np.tile(env.neutral_action, (count, 1))
-        rounds = max(4, 512 // count)
-        env.step(action)
-        world, before = env.world, env.world.sim.bare_seconds()
-        world.seconds["planning"] = 0.0
-        clock = time.perf_counter()
-        for _ in range(rounds):
-            env.step(action)
-        took = time.perf_counter() - clock
-        speed = count * rounds / took
-        bare = count * rounds / (world.sim.bare_seconds() - before)
-        used = (memory() - empty) / count / 1000
-        print(f"{count:6d} {speed:12.0f} {bare:13.0f} {speed / bare:6.2f} "
-              f"{world.seconds['planning'] / took:9.2f} {used:13.0f}")  # fmt: skip
-        env.close()
-
+    return to_action(footsteps, limits)
 
 def main():
     """See the head of this file."""
-    parser = robot_model.stage_parser(__doc__)
+    parser = robot_model.StageParser(__doc__)
     parser.add_argument("--imu", action="store_true", help="tilt and angular velocity observed too")
-    parser.add_argument("--benchmark", action="store_true", help="measure the speed")
-    args = robot_model.parse_stage(parser)
-    out = robot_model.output_folder(parser, args)
-    if args.benchmark:
-        benchmark(args.sim, args.imu, args.seed)
-        return
+    args = parser.parse()
+    out, limits = parser.folder(args), walk_engine.LIMITS[args.sim]
     print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
     for name, unit, low, high in observation_table(args.imu):
         print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
-    count = 64
-    world = FootstepWorld(count, args.sim, imu=args.imu)
-    limits = world.limits
-    print(f"\n{'action':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}   (outward is positive)")
+    print(f"\n{'action (outward is positive)':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}")
     for i, name in enumerate(ACTION_NAMES):
-        unit = "rad" if name.endswith("yaw") else "m"
-        print(f"{name:32s} {unit:>22s} {limits.low[i % 3]:7.2f} {limits.high[i % 3]:7.2f}")
+        unit, low, high = ("m", "m", "rad")[i % 3], limits.low[i % 3], limits.high[i % 3]
+        print(f"{name:32s} {unit:>22s} {low:7.2f} {high:7.2f}")
 
+    envs, terms = FootstepVectorEnv(64, args.sim, imu=args.imu), []
     dice = stream("training", args.seed, 0)
-    planners = {
-        "random": lambda world, robots, measured: dice.random((len(robots), 6)),
-        "hand-written": hand_written,
-    }
-    head = ("success", "fall", "timeout", "time of success [s]")
-    print(f"\n{count} goals {head[0]:>14s} {head[1]:>8s} {head[2]:>8s} {head[3]:>20s}")
-    clock = time.perf_counter()
-    steps, everybody = 0, np.arange(count)
-    for title, planner in planners.items():
-        terms = []  # of robot 0, a dict per double step
-
-        def watch(robots, result):
-            if robots[0] == 0:
-                terms.append({name: r[0] for name, r in result["reward_terms"].items()})
-
-        world.reset(everybody, [stream("training", args.seed, 1 + i) for i in everybody])
-        outcome = walk_episodes(world, planner, everybody, watch)
-        steps += world.steps.sum()
-        shares = [np.mean(outcome == name) for name in ("success", "fall", "timeout")]
-        good = world.steps[outcome == "success"] * world.engine.period  # [s]
-        print(f"{title:13s} {shares[0]:9.2f} {shares[1]:8.2f} {shares[2]:8.2f} "
-              f"{good.mean() if len(good) else math.nan:20.1f}")  # fmt: skip
-    took = time.perf_counter() - clock
-    title = f"One episode of the hand-written planner ({args.sim})"
-    plot_terms(terms, out / "03_rewards.png", title)
-    world.close()
-    print(f"\n{steps / took:.0f} double steps per second; of the time: " + ", ".join(
-        f"{name} {100 * s / took:.0f} %" for name, s in world.seconds.items()))  # fmt: skip
+    planners = {"random": lambda goals, limits: dice.random((len(goals), 6)),
+                "hand-written": hand_written}
+    print(f"\n64 robots, 60 double steps ({60 * envs.world.engine.period:.0f} s) each")
+    for planner, act in planners.items():
+        envs.reset(seed=args.seed)
+        ends = {"success": 0, "fall": 0}
+        for _ in range(60):
+            *_, infos = envs.step(act(envs.world.measure(np.arange(64)), limits))
+            terms.append({name: r[0] for name, r in infos["reward_terms"].items()})  # of robot 0
+            for name in ends if "final_info" in infos else ():
+                ends[name] += infos["final_info"][name].sum()
+        print(f"{planner:13s}: {ends['success']} episodes at the goal, {ends['fall']} falls")
+    envs.close()
+    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
+    for name in terms[0]:  # of the hand-written planner
+        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms[60:]]), label=name)
+    axis.set(title=f"Robot 0 with the hand-written planner, several episodes ({args.sim})",
+             xlabel="double step", ylabel="sum of rewards so far [1]")
+    axis.legend(ncols=2)
+    axis.grid(alpha=0.3)
+    figure.savefig(out / "03_rewards.png", dpi=110)
     print("Look at", out / "03_rewards.png")
-
 
 if __name__ == "__main__":
     main()
