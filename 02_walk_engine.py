@@ -338,7 +338,6 @@ WALKS = {  # eight double steps each
 }
 
 def main():
-    """See the head of this file."""
     parser = robot_model.StageParser(__doc__)
     parser.add_argument("--tune", action="store_true", help="optimise the walk parameters")
     args = parser.parse()

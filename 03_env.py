@@ -93,13 +93,14 @@ def stream(name, seed, *more):
 def checked(name, value, *shape):
     """The value as an array of that shape; one line of ValueError if it is none, or not finite."""
     try:
-        array = np.asarray(value, float)
-    except (TypeError, ValueError):
-        array = np.array(math.nan)
-    if array.shape != shape or not array.size or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}"
-                         .replace("\n", " "))
-    return array
+        array = np.asarray(value)
+        right = array.dtype.kind in "biuf" and array.size and np.isfinite(array).all()
+    except ValueError:  # lists of different lengths
+        right = False
+    if not right or array.shape != shape:
+        text = " ".join(f"{value!r:.60}".split())
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {text}")
+    return array.astype(float)
 
 # ------------------------------------------------------------------------ goal, action, reward
 def draw_goals(rng, count, task=Task()):
@@ -328,11 +329,10 @@ class FootstepEnv(gym.Env):
 
     def reset(self, *, seed=None, options=None):
         """A new episode; options["goal"] = (x, y, yaw) sets its goal."""
-        if seed is not None:  # the generator that robot 0 of the vector environment has
-            self.np_random = stream("training", seed)
-            self._np_random_seed = seed
         goal = (options or {}).get("goal")
         goals = None if goal is None else checked("goal", goal, 3)[None]
+        if seed is not None:  # the generator that robot 0 of the vector environment has
+            self.np_random, self._np_random_seed = stream("training", seed), seed
         self.world.reset([0], [self.np_random], goals)
         return self._observe(), {}
 

@@ -173,11 +173,11 @@ def evaluate(planner, world, goals, seed=0, noise=False, watch=None):
 def still_there(world, reached):
     """Which successes [n] stand inside the tolerance after two more double steps in place, [n]."""
     robots, inside = np.flatnonzero(reached), np.zeros(len(reached), bool)
-    for last in (False, True):
+    for _ in range(2):
         if len(robots):
             result = world.step(np.tile(world.neutral_action, (len(robots), 1)), robots)
-            inside[robots] = result["success"] & last  # on the way it may leave the goal …
-            robots = robots[~result["fall"]]  # … but not fall
+            inside[robots] = result["success"]  # the second time counts, …
+            robots = robots[~result["fall"]]  # … but a fall at any time
     return inside
 
 def record(planner, world, goals):
@@ -289,8 +289,9 @@ def read_goals(path):
             reader = csv.DictReader(file)
             reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
             for row in reader:
+                goal = row["x"], row["y"], row["yaw"]  # a KeyError here is the fault of line 1
                 line = reader.line_num
-                goals.append([float(row[name]) for name in ("x", "y", "yaw")])
+                goals.append([float(text) for text in goal])
                 if None in row or None in row.values() or not np.isfinite(goals[-1]).all():
                     raise ValueError("a number is not finite, or too many or too few values")
         if not goals:
@@ -428,8 +429,9 @@ def choose_planners(sim, chosen=None, imu=False):
     path = find(sim, "baseline_tuned.json")
     if path:
         try:
-            settings = BaselineSettings(**json.loads(path.read_text(encoding="utf-8"))["settings"])
-            velocity_command(np.ones((1, 3)), settings)  # fails if one of them is not a number
+            stored = json.loads(path.read_text(encoding="utf-8"))["settings"]
+            values = env.checked("settings", list(stored.values()), 8)
+            settings = BaselineSettings(**dict(zip(stored, values)))
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InputError(f"{path}: not written by tests/studies/baseline.py") from error
         planners["baseline_tuned"] = BaselinePlanner(settings)
@@ -456,13 +458,11 @@ def run(world, goals, planners, about, args, out):
     write_text(out / "table.md", text)
     walks = {name: record(planners[name], world, FIGURE_GOALS) for name in ("baseline", first)}
     plot_footsteps(walks, out / "footsteps.png")
-    print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
-    if args.gif:
-        print("drawing the animation, half a minute")
+    if args.gif:  # half a minute
         plot_animation(walks[first][0], out / "animation.gif", world.engine.robot)
+    print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
 
 def main(argv=None):
-    """Check everything first, walk, then write."""
     parser = robot_model.StageParser(__doc__, Path(__file__).name)
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()

@@ -1,7 +1,9 @@
-"""Stage 3, checked against the task: spaces, encoding, reward formulas by hand, episodes and their
-ends, seeds and noise, and N robots together against N robots alone."""
+"""Stage 3, checked against the task: spaces, encoding, reward formulas by hand and along real
+walks, episodes and their ends, seeds and noise, N robots together against N robots alone, and what
+is refused at the door. A failing test names the likely mistake."""
 
 import math
+import re
 import warnings
 from dataclasses import replace
 from importlib import import_module
@@ -17,7 +19,6 @@ BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 TASK = env.Task()
 GAMMA = import_module("04_ppo").PPOConfig().gamma
 
-
 @pytest.fixture
 def make():
     """make(kind, ...): an environment or a world, closed after the test."""
@@ -31,17 +32,20 @@ def make():
     for one in made:
         one.close()
 
-
 def motion(poses, fell):
     """A Motion that ends at these poses [n, 3], for a physics that is told what to do."""
     n = len(poses)
     torso = np.zeros((n, 1, 6))
     torso[:, 0, [0, 1, 5]], torso[:, 0, 2] = poses, 0.38
-    return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.zeros((n, 2, 3)),
-                              np.array(fell))
+    return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell))
 
+def seen_from(pose, goal):
+    """A goal seen from a robot, both (x, y, yaw), by turning in the complex plane: x, y, α."""
+    place = complex(goal[0] - pose[0], goal[1] - pose[1]) * np.exp(-1j * pose[2])
+    alpha = np.angle(np.exp(1j * (goal[2] - pose[2])))
+    return place.real, place.imag, float(alpha)
 
-# ---------------------------------------------------------------- Gymnasium
+# ------------------------------------------------------------------------ Gymnasium
 @BOTH
 def test_gymnasium_finds_nothing_to_complain_about(sim):
     one = gym.make("Footsteps-v0", sim=sim)
@@ -52,9 +56,9 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
         check_env(one.unwrapped, skip_render_check=True)
     one.close()
 
-
 def test_make_vec_gives_the_vector_environment():
-    envs = gym.make_vec("Footsteps-v0", num_envs=3, vectorization_mode="vector_entry_point")
+    envs = gym.make_vec("Footsteps-v0", num_envs=3, vectorization_mode="vector_entry_point",
+                        cores=1)
     assert isinstance(envs.unwrapped, env.FootstepVectorEnv)
     assert envs.metadata["autoreset_mode"] is gym.vector.AutoresetMode.SAME_STEP
     observations, _ = envs.reset(seed=0)
@@ -64,12 +68,28 @@ def test_make_vec_gives_the_vector_environment():
     assert rewards.shape == terminated.shape == truncated.shape == (3,)
     envs.close()
 
+@BOTH
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_gymnasium_can_make_a_vector_of_single_robots(make, sim, mode):
+    own = make(env.FootstepVectorEnv, 2, sim, cores=1)
+    envs = gym.make_vec("Footsteps-v0", num_envs=2, vectorization_mode=mode, sim=sim)
+    try:
+        np.testing.assert_array_equal(envs.reset(seed=4)[0], own.reset(seed=4)[0], err_msg=(
+            "robot i has the seed s + i, in Gymnasium's vectors and in ours"))
+        for share in (0.5, 0.4):
+            action = np.full((2, 6), share, np.float32)
+            got, want = envs.step(action), own.step(action)
+            np.testing.assert_array_equal(got[0], want[0])
+            for one, other in zip(got[1:4], want[1:4]):  # reward, terminated, truncated
+                np.testing.assert_array_equal(one, other)
+    finally:
+        envs.close()
 
 @BOTH
 @pytest.mark.parametrize("noise", [False, True], ids=["exact", "noise"])
 def test_robots_together_equal_robots_alone(make, sim, noise):
     n, seed, rng = 3, 11, np.random.default_rng(0)
-    cores = 2 if sim == "pymunk" and noise else 1
+    cores = 2 if noise else 1  # several processes or threads must make no difference, either
     together = make(env.FootstepVectorEnv, n, sim, noise, imu=noise, cores=cores)
     alone = [make(env.FootstepEnv, sim, noise, imu=noise) for _ in range(n)]
     got, _ = together.reset(seed=seed)
@@ -95,11 +115,32 @@ def test_robots_together_equal_robots_alone(make, sim, noise):
                 "and is the noise drawn equally often?"))
     assert ends >= 3, "random actions should make the robots fall: the resets were not tested"
 
+@BOTH
+def test_some_robots_walk_while_the_others_wait(make, sim):
+    some, everybody = np.array([3, 1]), np.arange(4)
+    one, other = (make(env.FootstepWorld, 4, sim, cores=1) for _ in range(2))
+    for world in (one, other):
+        world.reset(everybody, [env.stream("training", 5, i) for i in everybody])
+    action = np.random.default_rng(5).uniform(0.3, 0.7, (4, 6))
+    for _ in range(2):
+        got, want = one.step(action[some], some), other.step(action, everybody)
+        np.testing.assert_array_equal(got["reward"], want["reward"][some], err_msg=(
+            "row k of the actions belongs to robots[k]; are the rows mixed up?"))
+        for name in ("pose", "tilt", "actions", "steps", "goal"):
+            np.testing.assert_array_equal(getattr(one, name)[some], getattr(other, name)[some])
+    waiting = [0, 2]
+    assert not one.pose[waiting].any() and not one.steps[waiting].any(), "the others must not move"
+    np.testing.assert_array_equal(one.actions[waiting], np.tile(one.neutral_action, (2, 2, 1)))
+    for world in (one, other):
+        world.reset([1], goals=[[1.0, 0, 0]])
+    torso = one.step(action[some], some)["motion"].torso
+    np.testing.assert_array_equal(torso, other.step(action, everybody)["motion"].torso[some],
+                                  err_msg="robot 1 begins anew, robot 3 walks on")
 
 def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     envs = make(env.FootstepVectorEnv, 3, cores=1)
     goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
-    first, _ = envs.reset(seed=3, options={"goals": goals})
+    envs.reset(seed=3, options={"goals": goals})
     poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
     fell = [False, False, True]
     monkeypatch.setattr(envs.world.sim, "run", lambda *_: motion(poses, fell))
@@ -112,7 +153,7 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     np.testing.assert_array_equal(infos["final_info"]["success"], [True, False, False])
     np.testing.assert_array_equal(infos["final_info"]["fall"], fell)
     np.testing.assert_allclose(infos["final_info"]["time"], envs.world.engine.period)
-    old = env.encode_goal(walk_engine.relative(poses, goals))
+    old = env.encode_goal(np.array([seen_from(p, g) for p, g in zip(poses, goals)]))
     for i in (0, 2):
         np.testing.assert_allclose(infos["final_obs"][i, :8], old[i], atol=1e-6, err_msg=(
             "final_obs is the LAST observation of the old episode"))
@@ -127,8 +168,7 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     poses[:] = 0
     assert "final_obs" not in envs.step(action)[4], "only when an episode ended"
 
-
-# ---------------------------------------------------------------- observation and action
+# ------------------------------------------------------------------------ observation and action
 def test_goal_is_encoded_as_in_the_table():
     d, beta, alpha = 0.3, math.radians(120), math.radians(-45)
     goal = np.array([d * math.cos(beta), d * math.sin(beta), alpha])
@@ -139,6 +179,19 @@ def test_goal_is_encoded_as_in_the_table():
     assert far[0] == 3.0 and far[1] == 1.0 and far[2] == -1.0, "clipped: 3 m and ±1"
     assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
 
+@pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
+def test_many_goals_are_encoded_each_by_itself(shape):
+    goals = np.random.default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (*shape, 3))
+    encoded = env.encode_goal(goals)
+    assert encoded.shape == (*shape, 8), "goals [..., 3] -> [..., 8]: write x as goal[..., 0]"
+    for i in np.ndindex(shape):
+        x, y, yaw = goals[i]
+        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
+        want = [min(d, 3), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
+                math.cos(yaw), math.sin(yaw), alpha / math.pi]
+        np.testing.assert_allclose(encoded[i], want, atol=1e-9, err_msg=(
+            f"goal {i} of a batch: y to the left and α counter-clockwise are positive, and no goal "
+            "may depend on another one"))
 
 @BOTH
 @pytest.mark.parametrize("imu", [False, True], ids=["plain", "imu"])
@@ -151,7 +204,6 @@ def test_observations_stay_inside_the_box(make, sim, imu):
         assert obs.dtype == np.float32 and envs.observation_space.contains(obs)
         obs = envs.step(rng.random((8, 6)))[0]
 
-
 def test_imu_shows_the_tilt_of_the_torso(make, monkeypatch):
     one = make(env.FootstepEnv, imu=True)
     obs, _ = one.reset(seed=0)
@@ -161,9 +213,21 @@ def test_imu_shows_the_tilt_of_the_torso(make, monkeypatch):
     tilted = motion(np.zeros((1, 3)), [False])
     tilted.torso[0, 0, 3:5], tilted.spin[0] = (0.1, -0.2), (1.0, -20.0, 3.0)
     monkeypatch.setattr(one.world.sim, "run", lambda *_: tilted)
-    obs = one.step(one.neutral_action)[0]
-    np.testing.assert_allclose(obs[20:], [0.4, -0.8, 1.0, -10.0, 3.0], atol=1e-6)
+    obs = one.step(one.world.neutral_action)[0]
+    np.testing.assert_allclose(obs[20:], [0.4, -0.8, 1.0, -10.0, 3.0], atol=1e-6, err_msg=(
+        "roll, pitch in quarters of a radian, then the angular velocity x, y, z, clipped at 10"))
 
+@BOTH
+def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
+    world, robots = make(env.FootstepWorld, 3, sim, cores=1), np.array([0, 1, 2])
+    world.reset(robots, [env.stream("training", 0, i) for i in robots])
+    motions = world.step(np.random.default_rng(7).uniform(0.3, 0.7, (3, 6)), robots)["motion"]
+    goals = world.measure(robots)
+    plain, more = world.observe(robots, goals), world.observe(robots, goals, imu=True)
+    np.testing.assert_array_equal(more[:, :20], plain)
+    tilt = np.concatenate([4 * motions.torso[:, -1, 3:5], motions.spin], -1)
+    np.testing.assert_allclose(more[:, 20:], tilt, atol=1e-5, err_msg=(
+        "the tilt at the LAST control tick of the double step, of the same robot"))
 
 @BOTH
 def test_actions_and_footsteps_are_inverse(sim):
@@ -174,22 +238,25 @@ def test_actions_and_footsteps_are_inverse(sim):
     np.testing.assert_allclose(env.to_action(footsteps, limits), action, atol=1e-12)
     for end, want in ((0.0, limits.low), (1.0, limits.high)):
         np.testing.assert_allclose(env.to_footsteps(np.full(6, end), limits), [want, want])
+    single = np.array([1.0, 0, 0, 0, 0, 1])  # left x and right yaw at their upper limits
+    np.testing.assert_allclose(env.to_footsteps(single, limits), [
+        [limits.high[0], *limits.low[1:]], [*limits.low[:2], limits.high[2]]], err_msg=(
+        "the first three numbers are the left foot's x, y, yaw, the others the right foot's"))
     assert env.to_action(np.full((2, 3), 9.0), limits).max() == 1.0, "clipped to [0, 1]"
+    assert env.to_action(np.full((2, 3), -9.0), limits).min() == 0.0, "clipped to [0, 1]"
     neutral = env.to_action(np.zeros((2, 3)), limits)
     assert ((neutral > 0) & (neutral < 1)).all()
     np.testing.assert_allclose(env.to_footsteps(neutral, limits), 0, atol=1e-12, err_msg=(
         "the neutral action steps on the spot; the middle, 0.5, does not"))
 
-
 def test_the_last_two_actions_are_observed(make):
     one = make(env.FootstepEnv)
     one.reset(seed=0)
-    neutral = one.neutral_action
+    neutral = one.world.neutral_action
     small = np.clip(neutral + [0.05, 0, 0, 0, 0.02, 0], 0, 1)
     np.testing.assert_allclose(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, atol=1e-6)
     np.testing.assert_allclose(one.step(neutral)[0][8:], np.r_[neutral, small] * 2 - 1, atol=1e-6,
                                err_msg="newest first")
-
 
 def test_wild_actions_are_clipped(make):
     one, other = make(env.FootstepEnv), make(env.FootstepEnv)
@@ -200,16 +267,173 @@ def test_wild_actions_are_clipped(make):
     np.testing.assert_array_equal(got[0], want[0])
     assert got[1] == want[1]
 
+# ------------------------------------------------------------------------ strict at the door
+ROBOTS = np.arange(2)
+DOORS = {  # name: what is made, what is handed in there, the argument's name, its shape
+    "FootstepEnv action": (lambda: env.FootstepEnv(noise=True),
+                           lambda one, value: one.step(value), "action", (6,)),
+    "FootstepEnv goal": (lambda: env.FootstepEnv(noise=True),
+                         lambda one, value: one.reset(options={"goal": value}), "goal", (3,)),
+    "FootstepVectorEnv actions": (lambda: env.FootstepVectorEnv(2, noise=True, cores=1),
+                                  lambda one, value: one.step(value), "actions", (2, 6)),
+    "FootstepVectorEnv goals": (lambda: env.FootstepVectorEnv(2, noise=True, cores=1),
+                                lambda one, value: one.reset(options={"goals": value}),
+                                "goals", (2, 3)),
+    "FootstepWorld actions": (lambda: env.FootstepWorld(2, noise=True, cores=1),
+                              lambda one, value: one.step(value, ROBOTS), "actions", (2, 6)),
+    "FootstepWorld goals": (lambda: env.FootstepWorld(2, noise=True, cores=1),
+                            lambda one, value: one.reset(ROBOTS, goals=value), "goals", (2, 3)),
+}
+WRONG = {  # name: how it is made of good numbers
+    "nan": lambda good: np.where(np.arange(good.size).reshape(good.shape) == 1, math.nan, good),
+    "inf": lambda good: np.where(np.arange(good.size).reshape(good.shape) == 1, math.inf, good),
+    "minus inf": lambda good: good - math.inf,
+    "one too few": lambda good: good[..., :-1],
+    "one too many": lambda good: np.concatenate([good, good[..., :1]], -1),
+    "an axis too many": lambda good: good[None],
+    "flat or a column": lambda good: good.reshape(-1) if good.ndim > 1 else good[:, None],
+    "one robot too many": lambda good: np.concatenate([good, good[:1]]),
+    "a single number": lambda good: 0.5,
+    "empty": lambda good: [],
+    "ragged": lambda good: [*good[:-1].tolist(), good[-1:].tolist()],
+    "None inside": lambda good: np.full(good.shape, None),
+    "a text": lambda good: "left",
+    "texts": lambda good: np.full(good.shape, "left").tolist(),
+    "texts of numbers": lambda good: good.astype(str).tolist(),
+    "complex numbers": lambda good: good + 1j,
+    "too large for a float": lambda good: np.full(good.shape, 10**400, object).tolist(),
+    "a dict": lambda good: {"x": 0.5},
+}
 
-# ---------------------------------------------------------------- rewards
+def start(kind):
+    """A new one with seed 8 that has already made a double step."""
+    one = kind()
+    good = np.full((2, 6), 0.45)
+    if isinstance(one, env.FootstepWorld):
+        one.reset(ROBOTS, [env.stream("training", 8, i) for i in ROBOTS])
+        one.step(good, ROBOTS)
+    else:
+        one.reset(seed=8)
+        one.step(good[0] if isinstance(one, env.FootstepEnv) else good)
+    return one
+
+def future(one):
+    """What happens next: a double step and a new episode, which draws goals and noise."""
+    good = np.full((2, 6), 0.55)
+    if isinstance(one, env.FootstepWorld):
+        result, measured = one.step(good, ROBOTS), one.measure(ROBOTS)
+        one.reset(ROBOTS)
+        return [result["reward"], result["motion"].torso, measured, one.measure(ROBOTS), one.goal]
+    obs, reward, *_ = one.step(good[0] if isinstance(one, env.FootstepEnv) else good)
+    return [obs, reward, one.reset()[0], one.world.goal]
+
+@pytest.fixture(scope="module")
+def untouched():
+    """What happens next behind every door when nothing wrong was handed in."""
+    futures = {}
+    for door, (kind, *_) in DOORS.items():
+        one = start(kind)
+        futures[door] = future(one)
+        one.close()
+    return futures
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("wrong", WRONG)
+def test_wrong_numbers_are_refused_and_change_nothing(untouched, door, wrong):
+    kind, hand_in, name, shape = DOORS[door]
+    one = start(kind)
+    try:
+        value = WRONG[wrong](np.full(shape, 0.5))
+        with pytest.raises(ValueError) as caught:
+            hand_in(one, value)
+        message = str(caught.value)
+        assert re.match(rf"{name} must\b", message), f"which argument is wrong? {message}"
+        assert len(message.splitlines()) == 1 and len(message) < 200, f"one short line: {message}"
+        for got, want in zip(future(one), untouched[door], strict=True):
+            np.testing.assert_array_equal(got, want, err_msg=(
+                "what was refused must leave no trace: check BEFORE anything is planned, moved, "
+                "drawn or reset"))
+    finally:
+        one.close()
+
+@pytest.mark.parametrize("door", [door for door in DOORS if door.endswith("actions")]
+                         + ["FootstepEnv action"])
+def test_no_action_at_all_is_refused(untouched, door):
+    kind, hand_in, name, _ = DOORS[door]
+    one = start(kind)
+    try:
+        with pytest.raises(ValueError, match=rf"^{name} must"):
+            hand_in(one, None)
+        for got, want in zip(future(one), untouched[door], strict=True):
+            np.testing.assert_array_equal(got, want)
+    finally:
+        one.close()
+
+@pytest.mark.parametrize("door", ["FootstepEnv goal", "FootstepVectorEnv goals"])
+def test_the_seed_of_a_refused_reset_is_not_taken(untouched, door):
+    kind, _, name, shape = DOORS[door]
+    one = start(kind)
+    try:
+        with pytest.raises(ValueError, match=f"^{name} must"):
+            one.reset(seed=99, options={name: np.full(shape, math.nan)})
+        for got, want in zip(future(one), untouched[door], strict=True):
+            np.testing.assert_array_equal(got, want, err_msg=(
+                "the goal was refused, but the generator of the seed beside it was kept: check "
+                "the goal first"))
+    finally:
+        one.close()
+
+@BOTH
+def test_lists_and_whole_numbers_are_welcome(make, sim):
+    one, other = make(env.FootstepEnv, sim), make(env.FootstepEnv, sim)
+    got, _ = one.reset(seed=0, options={"goal": [1, 0, 0]})
+    want, _ = other.reset(seed=0, options={"goal": np.array([1.0, 0.0, 0.0])})
+    np.testing.assert_array_equal(got, want)
+    for action in ([0, 1, 0, 1, 0, 1], (0.5,) * 6):
+        np.testing.assert_array_equal(one.step(action)[0], other.step(np.array(action))[0])
+
+@pytest.mark.parametrize("kind", [env.FootstepEnv, env.FootstepVectorEnv, env.FootstepWorld])
+@pytest.mark.parametrize("sim", ["gazebo", "MuJoCo", "", None, 7, "py\nmunk"], ids=repr)
+def test_unknown_simulators_are_refused(kind, sim):
+    settings = {"sim": sim} if kind is env.FootstepEnv else {"sim": sim, "cores": 1}
+    with pytest.raises(ValueError, match=r"^sim must be pymunk or mujoco, got ") as caught:
+        kind(**settings) if kind is not env.FootstepWorld else kind(1, **settings)
+    assert len(str(caught.value).splitlines()) == 1
+
+def test_gymnasium_passes_the_refusal_on():
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(ValueError, match=r"^sim must be"):
+            make("Footsteps-v0", sim="gazebo")
+
+# ------------------------------------------------------------------------ rewards
 def terms(before, after, action=None, last=None, fall=False, success=False):
     """Reward terms of one robot, plain floats."""
     action = np.zeros(6) if action is None else np.array(action, float)
     last = action if last is None else np.array(last, float)
     result = env.reward_terms(np.array([before], float), np.array([after], float), action[None],
                               last[None], np.array([fall]), np.array([success]), TASK)
+    for name, value in result.items():
+        assert np.shape(value) == (1,), (
+            f"{name} of one robot has the shape {np.shape(value)} instead of (1,): sums go over "
+            "the action's axis only, .sum(-1)")
     return {name: float(value[0]) for name, value in result.items()}
 
+def potentials(goal):
+    """The three quantities Φ of one goal (x, y, α) that a reward pays the changes of."""
+    x, y, alpha = (float(v) for v in goal)
+    d, beta = math.hypot(x, y), math.atan2(y, x)
+    alpha = math.atan2(math.sin(alpha), math.cos(alpha))  # wrapped
+    near = math.exp(-((d / TASK.near_m) ** 2))
+    return {"r_d": -TASK.s_d * d, "r_a": -TASK.s_a * abs(alpha) * near,
+            "r_o": -TASK.s_o * abs(beta) * (1 - near)}
+
+def by_hand(before, after, action, last, fall, success):
+    """All seven terms of one robot, with nothing but `math`."""
+    old, new = potentials(before), potentials(after)
+    jumps = [(action[k] - last[k]) ** 2 for k in (0, 1, 3, 4)]  # x and y of both feet, no yaw
+    return {**{name: new[name] - old[name] for name in old}, "r_c": -TASK.s_c * sum(jumps),
+            "r_fall": -TASK.s_fall if fall else 0.0, "r_goal": TASK.s_goal if success else 0.0,
+            "r_time": -TASK.s_time}
 
 def test_reward_formulas_by_hand():
     # Far: from (2, 0) to (1, 1) seen from the robot, goal orientation 0 -> 0.5 rad.
@@ -232,14 +456,61 @@ def test_reward_formulas_by_hand():
     assert terms((1, 0, 0), (1, 0, 0), fall=True)["r_fall"] == -TASK.s_fall
     assert terms((1, 0, 0), (1, 0, 0), success=True)["r_goal"] == TASK.s_goal
 
+def test_reward_formulas_for_many_robots_are_those_of_each_alone():
+    rng, n = np.random.default_rng(8), 6
+    before, after = rng.uniform([-1, -1, -3], [1, 1, 3], (2, n, 3))
+    action, last = rng.random((2, n, 6))
+    fall = np.array([True, False, False, True, False, False])
+    success = np.array([False, True, False, False, True, False])
+    got = env.reward_terms(before, after, action, last, fall, success, TASK)
+    for name, values in got.items():
+        assert np.shape(values) == (n,), (
+            f"{name} has the shape {np.shape(values)} instead of ({n},): one number for every "
+            "robot. Sums go over the action's axis only: .sum(-1)")
+    for i in range(n):
+        want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i])
+        assert got.keys() == want.keys()
+        for name in want:
+            assert got[name][i] == pytest.approx(want[name], abs=1e-12), (
+                f"{name} of robot {i}: the sign, the scalar, or another robot's numbers?")
+
+@BOTH
+def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
+    goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
+    world, everybody = make(env.FootstepWorld, 4, sim, cores=1), np.arange(4)
+    world.reset(everybody, goals=goals)
+    total = {name: np.zeros(4) for name in ("r_d", "r_a", "r_o")}
+    for _ in range(12):
+        poses, last = world.pose.copy(), world.actions[:, 0].copy()
+        action = env.hand_written(world.measure(everybody), world.limits)
+        result = world.step(action, everybody)
+        ends = result["motion"].torso[:, -1, [0, 1, 5]]
+        for i in everybody:
+            before, after = seen_from(poses[i], goals[i]), seen_from(ends[i], goals[i])
+            want = by_hand(before, after, action[i], last[i], result["fall"][i],
+                           result["success"][i])
+            for name, value in want.items():
+                assert result["reward_terms"][name][i] == pytest.approx(value, abs=1e-9), (
+                    f"{name} of robot {i}: seen from the robot before and after this double step; "
+                    "were the two exchanged, or was a noisy, an old or another goal taken?")
+        for name, sums in total.items():
+            sums += result["reward_terms"][name]
+    gained = [potentials(seen_from(end, goal))["r_d"] - potentials(goal)["r_d"]
+              for end, goal in zip(ends, goals)]
+    np.testing.assert_allclose(total["r_d"], gained, atol=1e-9)
+    assert total["r_d"][:3].min() > 0.15, (
+        f"robots that walked towards their goals earned {total['r_d'].round(2)}: coming nearer "
+        "must pay, not cost")
+    assert total["r_o"][1] > 0.02, "facing the goal pays"
+    assert total["r_a"][3] > 0.02, "nearby, turning like the goal pays"
 
 @BOTH
 def test_reward_is_the_sum_of_its_terms(make, sim):
     envs = make(env.FootstepVectorEnv, 4, sim, cores=1)
     envs.reset(seed=2)
-    rng, size = np.random.default_rng(3), 0.0
+    rng = np.random.default_rng(3)
     for _ in range(6):
-        before, last = envs.world.relative_goal(np.arange(4)), envs.world.actions[:, 0].copy()
+        last = envs.world.actions[:, 0].copy()
         action = rng.random((4, 6))
         _, reward, _, _, infos = envs.step(action)
         parts = infos["reward_terms"]
@@ -248,20 +519,32 @@ def test_reward_is_the_sum_of_its_terms(make, sim):
         np.testing.assert_allclose(parts["r_c"], -TASK.s_c * (
             (action - last)[:, [0, 1, 3, 4]] ** 2).sum(1), atol=1e-12, err_msg=(
             "compare with the action before, not with the neutral one or with itself"))
-        size = max(size, np.abs(before[:, 0]).max())
-    assert size > 0.1
-
 
 def test_going_in_circles_pays_nothing():
-    rng = np.random.default_rng(4)
-    path = rng.uniform([-2, -2, -3], [2, 2, 3], (30, 3))
+    rng, n = np.random.default_rng(4), 5
+    path = rng.uniform([-2, -2, -3], [2, 2, 3], (30, n, 3))  # every robot on a circle of its own
     path[-1] = path[0]
-    total = 0.0
-    for a, b in zip(path, path[1:]):
-        parts = terms(a, b)
+    action, never = np.tile(rng.random(6), (n, 1)), np.zeros(n, bool)
+    total, paid = np.zeros(n), np.zeros(n)
+    for before, after in zip(path, path[1:]):
+        parts = env.reward_terms(before, after, action, action, never, never, TASK)
         total += sum(value for name, value in parts.items() if name != "r_time")
-    assert total == pytest.approx(0, abs=1e-9), "terms must pay for progress, and take it back"
+        paid += np.abs(parts["r_d"])
+    assert paid.min() > 1, "on the way the terms must not be zero"
+    np.testing.assert_allclose(total, 0, atol=1e-9, err_msg=(
+        "terms must pay for progress, and take it back"))
 
+@pytest.mark.parametrize("name", ["r_d", "r_a", "r_o"])
+def test_discounted_progress_telescopes_as_the_docstring_says(name):
+    # Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},  t = 0 … T − 1
+    path = np.random.default_rng(9).uniform([-1, -1, -3], [1, 1, 3], (21, 3))  # T = 20
+    phi = np.array([potentials(goal)[name] for goal in path])
+    factors = GAMMA ** np.arange(20)
+    paid = sum(factor * terms(a, b)[name] for factor, a, b in zip(factors, path, path[1:]))
+    waiting = (1 - GAMMA) * np.sum(factors * phi[1:])
+    assert paid == pytest.approx(GAMMA**20 * phi[-1] - phi[0] + waiting, abs=1e-9), (
+        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ")
+    assert waiting < -1e-3, "away from the goal Φ is negative, so time spent there costs"
 
 def straight_walk(goal, step=0.15, turn=0.3, stop=0.0):
     """Goals seen from a robot that turns to the goal, walks to `stop` before it, turns to α."""
@@ -283,7 +566,6 @@ def straight_walk(goal, step=0.15, turn=0.3, stop=0.0):
         seen()
     return poses
 
-
 def discounted(poses, steps=0, fall=False, success=False):
     """Return Σ γᵗ·r_t of a path that then waits until `steps` double steps are over."""
     poses = poses + [poses[-1]] * max(0, steps + 1 - len(poses))
@@ -293,13 +575,10 @@ def discounted(poses, steps=0, fall=False, success=False):
         total += GAMMA**t * sum(terms(a, b, fall=fall and end, success=success and end).values())
     return total
 
-
 GOALS = [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)]
 
-
 @BOTH
-@pytest.mark.parametrize("goal", GOALS,
-                         ids=str)
+@pytest.mark.parametrize("goal", GOALS, ids=str)
 def test_returns_rank_what_we_want(sim, goal):
     period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
     patience = int(TASK.time_limit / period)  # double steps until the time-out
@@ -312,8 +591,7 @@ def test_returns_rank_what_we_want(sim, goal):
     assert stood > fell + 0.1, f"standing still {stood:.2f}, falling at once {fell:.2f}"
     assert walked > loitered + 0.1, f"finishing {walked:.2f}, waiting next to it {loitered:.2f}"
 
-
-# ---------------------------------------------------------------- goals, noise and seeds
+# ------------------------------------------------------------------------ goals, noise and seeds
 def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     goals = env.draw_goals(env.stream("evaluation", 0), 5000)
     np.testing.assert_allclose(goals.mean(0), 0, atol=0.08)
@@ -324,16 +602,19 @@ def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     np.testing.assert_array_equal(env.draw_goals(env.stream("evaluation", 0), 7), goals[:7],
                                   err_msg="draw [count, 3], goal after goal")
 
-
 def test_streams_are_separate_and_repeatable():
-    drawn = {(name, seed): env.stream(name, seed).normal(size=4)
-             for name in ("training", "tuning", "evaluation") for seed in (0, 1)}
-    values = list(drawn.values())
-    for i, a in enumerate(values):
-        for b in values[:i]:
-            assert not np.allclose(a, b), "training must never see the goals of the evaluation"
-    np.testing.assert_array_equal(env.stream("tuning", 1).normal(size=4), drawn["tuning", 1])
-
+    numbers = [(), (0,), (1,), (2,), (0, 0), (0, 1), (1, 0), (0, 0, 0)]
+    drawn = {(name, seed, *more): env.stream(name, seed, *more).normal(size=4)
+             for name in ("training", "tuning", "evaluation") for seed in (0, 1)
+             for more in numbers}
+    keys = list(drawn)
+    for i, one in enumerate(keys):
+        for other in keys[:i]:
+            assert not np.allclose(drawn[one], drawn[other]), (
+                f"stream{one} is stream{other}. Names: training must never see the goals of the "
+                "evaluation. Numbers: numpy ignores zeros at the end, (0, 0) is (0) to it")
+    for key, values in drawn.items():
+        np.testing.assert_array_equal(env.stream(*key).normal(size=4), values)
 
 def test_the_same_seed_gives_the_same_episode(make):
     envs = [make(env.FootstepVectorEnv, 2, noise=True, cores=1) for _ in range(3)]
@@ -346,7 +627,6 @@ def test_the_same_seed_gives_the_same_episode(make):
         np.testing.assert_array_equal(envs[0].step(action)[0], envs[1].step(action)[0])
     again, _ = envs[0].reset()
     assert not np.allclose(again, starts[0]), "a reset without a seed goes on drawing"
-
 
 def test_noise_has_the_size_of_the_task_and_off_means_exact(make):
     goals = np.tile([0.5, -0.4, 3.13], (4000, 1))  # near ±π: noise has to be wrapped
@@ -365,14 +645,12 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make):
     assert abs(correlation) < 0.06, "noise is drawn anew at every measurement"
     np.testing.assert_allclose(world.relative_goal([0]), goals[:1], atol=1e-12)
 
-
 def test_a_goal_can_be_given(make):
     one = make(env.FootstepEnv)
     obs, _ = one.reset(seed=0, options={"goal": (0.3, 0.0, math.pi / 2)})
     np.testing.assert_allclose(obs[:8], [0.3, 0.6, 0, 1, 0, 0, 1, 0.5], atol=1e-6)
 
-
-# ---------------------------------------------------------------- how an episode ends
+# ------------------------------------------------------------------------ how an episode ends
 @pytest.mark.parametrize("x, yaw_deg, fell, want", [
     (0.0, 0, False, "success"), (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"),
     (0.051, 0, False, ""), (0.0, 10.1, False, ""), (0.0, -10.1, False, ""), (0.0, 180, False, ""),
@@ -385,7 +663,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
         away = np.array([[x * 0.6, x * 0.8, math.radians(yaw_deg)]])
         with monkeypatch.context() as patch:
             patch.setattr(one.world.sim, "run", lambda *_, away=away: motion(goal + away, [fell]))
-            _, _, terminated, truncated, info = one.step(one.neutral_action)
+            _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), (
             f"{100 * x:.1f} cm and {yaw_deg}° away, fell: {fell}; success: 5 cm AND 10°, true "
@@ -394,6 +672,24 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
         assert info["reward_terms"]["r_goal"] == TASK.s_goal * (want == "success")
         assert info["reward_terms"]["r_fall"] == -TASK.s_fall * (want == "fall")
 
+@BOTH
+def test_no_time_left_truncates_in_the_vector_too(make, monkeypatch, sim):
+    envs = make(env.FootstepVectorEnv, 4, sim, cores=1)
+    whole = math.floor(TASK.time_limit / envs.world.engine.period + 1e-9)
+    goals = np.tile([2.0, 0.0, 0.0], (4, 1))
+    envs.reset(seed=0, options={"goals": goals})
+    envs.world.steps[:] = [whole - 2, whole - 1, whole - 1, whole - 1]
+    poses, fell = goals * [[0.5], [0.5], [1], [0.5]], [False, False, False, True]
+    monkeypatch.setattr(envs.world.sim, "run", lambda *_: motion(poses, fell))
+    obs, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (4, 1)))
+    np.testing.assert_array_equal(truncated, [False, True, False, False], err_msg=(
+        "only the robot that is neither there nor fallen when the time is up is cut off"))
+    np.testing.assert_array_equal(terminated, [False, False, True, True], err_msg=(
+        "a time-out truncates, it does not terminate: stage 4 bootstraps there, not after a fall"))
+    np.testing.assert_array_equal(infos["final_info"]["timeout"], truncated)
+    assert infos["final_info"]["time"][1] == pytest.approx(whole * envs.world.engine.period)
+    assert infos["final_obs"][1, 0] == pytest.approx(1.0), "one metre was left"
+    np.testing.assert_array_equal(envs.world.steps, [whole - 1, 0, 0, 0])
 
 @BOTH
 def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim):
@@ -408,50 +704,54 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim):
         one.reset(seed=0, options={"goal": goal})
         one.world.steps[:] = steps
         monkeypatch.setattr(one.world.sim, "run", lambda *_, p=pose, f=fell: motion(p[None], [f]))
-        _, _, terminated, truncated, info = one.step(one.neutral_action)
+        _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         assert (terminated, truncated, bool(info["timeout"])) == want, (
             f"after {steps + 1} of {whole} double steps: a time-out truncates, it does not "
             "terminate; goal and fall come first")
         assert info["time"] == pytest.approx((steps + 1) * period)
         assert info["time"] <= TASK.time_limit + 1e-9
 
-
 def test_a_reset_clears_the_last_episode(make):
     one = make(env.FootstepEnv, task=replace(TASK, time_limit=3.0))
     first, _ = one.reset(seed=1)
     steps = 0
     while True:  # a short time limit instead of a patched clock: the whole way through
-        _, _, terminated, truncated, info = one.step(one.neutral_action)
+        _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         steps += 1
         if terminated or truncated:
             break
     assert info["timeout"] and steps == math.floor(3.0 / one.world.engine.period + 1e-9)
     again, _ = one.reset(seed=1)
     np.testing.assert_array_equal(first, again)
-    assert one.step(one.neutral_action)[4]["time"] == pytest.approx(one.world.engine.period)
-
+    assert one.step(one.world.neutral_action)[4]["time"] == pytest.approx(one.world.engine.period)
 
 @BOTH
 def test_demonstration_planner_reaches_goals(make, sim):
-    world = make(env.FootstepWorld, 16, sim, cores=1)
-    everybody, seen = np.arange(16), []
-    world.reset(everybody, [env.stream("training", 0, i) for i in everybody])
-    outcome = env.walk_episodes(world, env.hand_written, everybody,
-                                lambda robots, result: seen.extend(robots))
-    assert set(outcome) <= {"success", "fall", "timeout"}
-    assert np.mean(outcome == "success") > 0.5, f"the task must be solvable: {outcome}"
-    np.testing.assert_array_equal(np.bincount(seen), world.steps, "one call a double step")
+    world, walking = make(env.FootstepWorld, 16, sim, cores=1), np.arange(16)
+    world.reset(walking, [env.stream("training", 0, i) for i in walking])
+    ends = {"success": 0, "fall": 0, "timeout": 0}
+    while len(walking):
+        result = world.step(env.hand_written(world.measure(walking), world.limits), walking)
+        done = np.zeros(len(walking), bool)
+        for name in ends:
+            ends[name] += result[name].sum()
+            assert not (done & result[name]).any(), "an episode has one end, not two"
+            done |= result[name]
+        np.testing.assert_allclose(result["time"], world.steps[walking] * world.engine.period)
+        walking = walking[~done]
+    assert sum(ends.values()) == 16
+    assert ends["success"] > 8, f"the task must be solvable: {ends}"
 
-
-@BOTH
-def test_benchmark_compares_with_the_physics_inside(sim, capsys):
-    env.benchmark(sim, counts=(1, 3))
-    _, head, *rows = capsys.readouterr().out.splitlines()
-    columns = ("robots", "environment", "bare physics", "ratio", "planning", "kB per robot")
-    assert all(name in head for name in columns)
-    for count, row in zip((1, 3), rows, strict=True):
-        robots, speed, bare, ratio, planning, _ = (float(cell) for cell in row.split())
-        assert robots == count
-        assert ratio == pytest.approx(speed / bare, abs=0.01)
-        assert 0 < ratio < 1, "bare physics is a part of what the environment does"
-        assert 0 < planning < 1 - ratio + 0.01, "a share of the time that physics leaves"
+def test_hand_written_planner_stays_within_half_of_the_limits():
+    goals = np.random.default_rng(10).normal(size=(500, 3)) * [2, 2, 2]
+    for limits in walk_engine.LIMITS.values():
+        actions = env.hand_written(goals, limits)
+        assert actions.shape == (500, 6) and (actions >= 0).all() and (actions <= 1).all()
+        steps = env.to_footsteps(actions, limits)  # [500, 2, 3]
+        # A turn of one foot is mirrored by the other, so both signs must fit within the smaller.
+        assert (np.abs(steps[..., 2]) <= -limits.low[2] / 2 + 1e-9).all()
+        assert (steps[..., :2] >= np.array(limits.low[:2]) / 2 - 1e-9).all()
+        assert (steps[..., :2] <= np.array(limits.high[:2]) / 2 + 1e-9).all()
+        outward = steps[..., 1]  # the leading foot steps aside, the other one follows
+        np.testing.assert_array_equal(outward[:, 0] > 1e-9, goals[:, 1] > 0)
+        np.testing.assert_array_equal(outward[:, 1] > 1e-9, goals[:, 1] < 0)

@@ -1,0 +1,185 @@
+"""Trainings and trials of the studies, kept so that nothing is done twice (see common.py).
+
+The 500 goals of evaluation seed 0 are those of stage 5's table (and of times.py); the studies use
+the seeds 1, 2, 3, …, 500 goals each. No training and no tuning ever sees any of them.
+"""
+
+import os
+from dataclasses import asdict, replace
+from importlib import import_module
+
+import common
+import numpy as np
+from tqdm import tqdm
+
+robot_model = import_module("01_robot_model")
+env = import_module("03_env")
+ppo = import_module("04_ppo")
+evaluate = import_module("05_evaluate")
+ppo.torch.set_num_threads(1)  # a policy this small is slower on several threads
+
+SEEDS = (0, 1, 2)  # of the trainings
+FIRST = 1  # evaluation seed of the first set of goals
+PER_SEED = 500  # goals in a set
+COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:orange",
+          "baseline_tuned": "tab:green"}
+
+
+# ------------------------------------------------------------------------ trainings
+def train(sim, seed, imu=False):
+    """The folder of a training; made by the command that a user would give, unless it is there."""
+    settings = env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel(), ppo.PPOConfig()
+    name = f"train{'_imu' * imu}_{seed}_{common.digest(*settings, ppo.STEPS)}"
+    out = common.work(sim) / name
+    if not (out / "learning_curve.png").is_file():  # the last file that it writes
+        flags = ["--seed", str(seed), "--steps", str(ppo.STEPS), "--out", str(out)]
+        flags += ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu
+        flags += ["--resume"] * (out / "checkpoint.pt").is_file()
+        print("python 04_ppo.py", *flags, flush=True)
+        try:
+            ppo.main(flags)
+        except SystemExit as stop:  # it has said why
+            if stop.code == 130:
+                raise KeyboardInterrupt from stop
+            raise
+    return out
+
+def learn(out, cfg, make_envs, steps, seed, **more):
+    """`ppo.train`, continued if it was interrupted."""
+    resume = (out / "checkpoint.pt").is_file()
+    try:
+        return ppo.train(cfg, make_envs, out, steps, seed, resume=resume, **more)
+    except (ppo.PolicyError, FloatingPointError) as error:
+        raise common.StudyError(f"{out}: {error}") from error
+
+def median_seed(rows):
+    """The training seed in the middle: by success, then by time. Not the best one."""
+    order = sorted(rows, key=lambda row: (row["success"], -(row["time_mean"] or np.inf)))
+    return order[len(order) // 2]["seed"]
+
+def to_ship(folders, median, prefix=""):
+    """Findings.files: the median of the trainings, and all of them as evidence."""
+    policy, curve, picture = "policy.pt", "learning_curve.csv", "learning_curve.png"
+    files = {f"{prefix}seeds/{seed}/{name}": folder / name
+             for seed, folder in folders.items() for name in (policy, curve)}
+    return files | {prefix + name: folders[median] / name for name in (policy, curve, picture)}
+
+
+# ------------------------------------------------------------------------ planners
+def policy(path, sim):
+    """The planner of a policy file, and what it depends on."""
+    try:
+        return evaluate.load_planner(path, sim)[0], (path.read_bytes(), ppo.MEAN_SHARE)
+    except ppo.PolicyError as error:
+        raise common.StudyError(str(error)) from error
+
+def baseline(settings):
+    """The same of a baseline."""
+    return evaluate.BaselinePlanner(settings), asdict(settings)
+
+def baselines(sim):
+    """The paper's baseline and the shipped tuned one by name, each with what it depends on."""
+    tuned = common.read_json(common.RESULTS / sim / "baseline_tuned.json")["settings"]
+    return {"baseline": baseline(evaluate.BaselineSettings()),
+            "baseline_tuned": baseline(evaluate.BaselineSettings(**tuned))}
+
+def shipped(sim):
+    """The shipped policies and both baselines."""
+    files = {"policy": "policy.pt", "policy_imu": "imu/policy.pt"}
+    paths = {name: common.RESULTS / sim / file for name, file in files.items()}
+    if not paths["policy_imu"].parent.is_dir():
+        del paths["policy_imu"]
+    return {name: policy(path, sim) for name, path in paths.items()} | baselines(sim)
+
+def shipped_seeds(sim):
+    """The policy files of all training seeds, in lists by planner; with IMU only if shipped."""
+    folder = common.RESULTS / sim
+    found = {"policy": [folder / "seeds" / str(seed) / "policy.pt" for seed in SEEDS]}
+    if (folder / "imu").is_dir():
+        found["policy_imu"] = [folder / "imu" / path.relative_to(folder)
+                               for path in found["policy"]]
+    return found
+
+
+# ------------------------------------------------------------------------ trials
+class Trials:
+    """Runs planners on sets of 500 goals in one simulator, and remembers what came out."""
+
+    def __init__(self, sim, robot=robot_model.RobotModel(), cores=None):
+        self.sim, self.robot, self.cores, self.world = sim, robot, cores, None
+
+    def run(self, planner, key, noise, first=FIRST, count=4, size=1.0, purpose="evaluation"):
+        """Arrays [500·count] as of `evaluate`, and what fell how (see `measure`).
+
+        key: what the planner depends on; size: of the noise, relative to the task's.
+        """
+        parts = []
+        for seed in range(first, first + count):
+            name = common.digest(key, env.fingerprint(self.sim), self.robot, env.Task(), noise,
+                                 size, purpose, PER_SEED)
+            path = common.work(self.sim, "trials") / f"{name}_{seed}.npz"
+            if not path.is_file():
+                temporary = path.with_suffix(".tmp.npz")
+                np.savez_compressed(temporary, **self.measure(planner, noise, seed, size, purpose))
+                os.replace(temporary, path)
+            with np.load(path) as stored:
+                parts.append(dict(stored))
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+    def measure(self, planner, noise, seed, size, purpose):
+        """One set. Beside what `evaluate` returns, with lengths of a step forward [m]:
+
+        goals [500, 3]; falls [F, 6]: the goal seen from the robot before it (x, y, yaw), step now
+        and before, moment [share of the double step]; changes [C, 2]: step now and before, of some
+        that went well.
+        """
+        world, task = self.make_world(), env.Task()
+        world.task = replace(task, noise_m=size * task.noise_m, noise_rad=size * task.noise_rad)
+        goals = env.draw_goals(env.stream(purpose, seed), PER_SEED)
+        before, falls, changes = goals.copy(), [np.zeros((0, 6))], [np.zeros((0, 2))]
+
+        def watch(robots, result):
+            bar.update(sum(int(result[name].sum()) for name in evaluate.OUTCOMES))
+            low, high = world.limits.low[0], world.limits.high[0]
+            share = world.actions[robots][:, :, [0, 3]].mean(-1)  # [n, 2] x of both feet, 0 … 1
+            length = low + share * (high - low)  # [n, 2] now, before
+            fell = result["fall"]
+            changes.append(length[(robots % 20 == 0) & ~fell])
+            down = robot_model.fallen(result["motion"].torso[fell], world.engine.stance[0][2])
+            when = np.argmax(down, 1) / down.shape[1]  # [F]
+            falls.append(np.column_stack([before[robots[fell]], length[fell], when]))
+            before[robots] = world.relative_goal(robots)
+
+        title = f"{type(planner).__name__}, goals {seed}"
+        with tqdm(total=PER_SEED, desc=title, unit=" trials", leave=False) as bar:
+            trials = evaluate.evaluate(planner, world, goals, seed, noise, watch)
+        return {**trials, "goals": goals, "falls": np.concatenate(falls),
+                "changes": np.concatenate(changes)}
+
+    def make_world(self):
+        """The world, when the first trial needs it."""
+        if self.world is None:
+            self.world = env.FootstepWorld(PER_SEED, self.sim, cores=self.cores, robot=self.robot)
+        return self.world
+
+    def close(self):
+        """Ends the simulator."""
+        if self.world is not None:
+            self.world.close()
+        self.world = None
+
+def row_of(trials, name, noise):
+    """A row of stage 5's table."""
+    return evaluate.summary(name, noise, trials, env.Task())
+
+def time_ratio(trials, reference, name):
+    """More of a row: time relative to another planner's, nothing without a common success."""
+    ratio, interval, goals = evaluate.time_ratio(trials, reference)
+    if not goals:
+        return {}
+    return {name: round(ratio, 4), f"{name}_ci95": [round(edge, 4) for edge in interval]}
+
+def means(rows, names):
+    """Means of some columns of rows, where there is something."""
+    known = {name: [row[name] for row in rows if row.get(name) is not None] for name in names}
+    return {name: np.mean(values) for name, values in known.items() if values}
