@@ -6,8 +6,8 @@ Paper: section II-a, a simulated biped with position-controlled joints. The robo
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 64 robots stand for a second, then lean forward, slowly, each to another angle (`--seed`); the
-smallest lean that fell is drawn (`runs/<sim>/01_robot.png`). Seconds. Predict it from the masses
-below: at which lean does the centre of mass pass the toes?
+smallest lean that fell is drawn (`runs/<sim>/01_robot.png`). Seconds. Predict it from the numbers
+below: by how much must the ankles of `stance` turn until the centre of mass passes the toes?
 
 The words. The sagittal plane divides a body into left and right: x and z lie in it. Trunk and torso
 are one part: "trunk" is where the walk wants it, "torso" where physics put it. The support foot
@@ -108,7 +108,7 @@ class RobotModel:
 class Trajectory:
     """What N robots are asked to do in T control ticks; sample 0 is where the last one ended."""
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
-    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; read by PymunkSim only
+    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; MuJoCo needs none
 
 @dataclass
 class Motion:
@@ -118,7 +118,7 @@ class Motion:
     spin: np.ndarray  # [N, 3] angular velocity of the torso about its own axes [rad/s], at the end
     fell: np.ndarray  # [N] bool: fell at any control tick
 
-# ------------------------------------------------------------------------ poses in the plane
+# ------------------------------------------------------------------------ poses on the ground
 def wrap(angle):
     """The same angle in [−π, π) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
@@ -157,7 +157,7 @@ def leg_points(robot, joints):
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)
     zero = np.zeros_like(yaw)
-    hip_turn = rotation(zero, zero, yaw) @ rotation(roll, zero, zero)  # [..., 3, 3]
+    hip_turn = rotation(roll, zero, yaw)  # [..., 3, 3]
     pitches = pitch, pitch + knee, pitch + knee + ankle_pitch
     thigh_turn, shin_turn, flat_turn = (hip_turn @ rotation(zero, p, zero) for p in pitches)
     foot_turn = flat_turn @ rotation(ankle_roll, zero, zero)
@@ -377,13 +377,13 @@ class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
 
     pymunk's y is our z, and its angles turn x towards y: a body's pitch is minus its angle. Yaw ψ
-    is a degree of freedom of its own. The torso is e behind the commanded yaw; the hip of the leg
-    that carries pushes it after, with all that its motor and the friction under its sole can bear:
+    is a degree of freedom of its own. Every tick the lag e grows by the commanded minus the true
+    turn, and the hip pushes the torso after with what its motor and the friction under a sole bear:
 
         bound = min(motor limit, μ·F·r),   τ = clip(k·e + c·ė, ±bound),   I·ψ̈ = τ,   |e| ≤ bound / k
 
-    F: measured force on the ground; r: mean radius of a sole. What would make e larger turns the
-    sole on the ground and is lost. Sideways follows the command and cannot fall.
+    F: measured force on the ground; r: mean radius of a sole. Beyond bound / k the sole slips: that
+    part of the command is lost. Sideways follows the command and cannot fall.
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
     ANGLE, V_Z, SPIN = 2, 4, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
@@ -527,7 +527,7 @@ class PymunkSim:
             torque = np.minimum(np.maximum(torque, -bound), bound)
             rate = rate + torque / robot.yaw_inertia * dt
             yaw[:, t + 1] = yaw[:, t] + rate * dt
-            # |e| ≤ bound / k: what would make it larger turns the soles on the ground
+            # |e| ≤ bound / k: what would make it larger turns the sole on the ground
             lag = lag + turn[:, t] - rate * dt
             lag = np.minimum(np.maximum(lag, -bound / k), bound / k)
         self.yaw_rate[robots], self.yaw_lag[robots] = rate, lag

@@ -9,12 +9,12 @@ kinematics, open loop within a double step; parameters found by optimisation.
 (both with `--mujoco` in 3-D). The first prints commanded and walked distances and draws
 `runs/<sim>/02_*.png`; the second prints a WalkParameters line to be pasted into TUNED. Expect: the
 robot walks nearly as far as commanded, in 3-D with some slip. Predict: with `--mujoco`, what does
-the trunk do sideways, and why? (On the plane, which cannot tip over sideways, nothing.)
+the trunk do sideways in a straight walk, and why? (On the plane it need not do anything.)
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where a swing foot lands, seen from the other foot and from its usual place beside it; y and yaw are
 mirrored for the right foot, so that outward is positive for both. All zeros steps on the spot;
-(0.08, 0, 0) for both feet moves it on by 0.16 m: each foot lands 0.08 m ahead of the other one;
+(0.08, 0, 0) for both feet moves it on by 0.16 m (at first less): each lands 0.08 m ahead;
 (0, 0.06, 0) for the left and zeros for the right foot move it 0.06 m to the left.
 
 Left out: stairs, and stabilising within a step: the engine is blind while it walks.
@@ -114,7 +114,7 @@ class WalkEngine:
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
                                          planar, p.trunk_x_offset)  # torso, joints
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # x, y, yaw, pitch of the trunk; its height is constant, and it does not roll. Each:
+        # Trunk: x, y, yaw, pitch (its height is constant, it does not roll), and of each of them
         self.trunk = np.zeros((num_robots, 4, 3))  # position, velocity, acceleration
         self.reset(np.arange(num_robots))
 
@@ -162,7 +162,7 @@ class WalkEngine:
 
         Three feet [n, 3]: the support foot, and the swing foot before and after. The trunk is
         between where it should be before and after, moves with the mean velocity, without
-        acceleration, and leans towards the support foot.
+        acceleration, and is shifted towards the support foot.
         """
         p = self.parameters
         before, after = (support + start) / 2, (support + landing) / 2  # middle of the feet
@@ -347,7 +347,7 @@ def main():
         return
     engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
     print(f"{args.sim}: a double step takes {engine.period:.2f} s")
-    footsteps = np.array([[[0.08, 0.04, 0.2], [0.08, 0.0, -0.2]]])  # forward and to the left
+    footsteps = np.array([[[0.08, 0, 0], [0.08, 0, 0]]])  # straight ahead
     engine.plan(footsteps, [0])
     trajectory, feet = engine.plan(footsteps, [0])  # not from standing
     time = np.arange(feet.shape[1]) * engine.robot.control_dt

@@ -146,11 +146,11 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
     near0, near1 = np.exp(-((d0 / task.near_m) ** 2)), np.exp(-((d1 / task.near_m) ** 2))
-    # r_d = d − d′
+    # r_d = d − d′,  so Φ = −d
     distance = d0 - d1
-    # r_a = |α|·near(d) − |α′|·near(d′),  near(d) = exp(−(d / 0.4 m)²)
+    # r_a = |α|·near(d) − |α′|·near(d′),  near(d) = exp(−(d / 0.4 m)²);  Φ = −|α|·near(d)
     angle = np.abs(alpha0) * near0 - np.abs(alpha1) * near1
-    # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d)
+    # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
     orient = np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)
     # r_c = −Σ (footstep length − last footstep length)², in shares of the limits, x and y
     x_and_y = [0, 1, 3, 4]
@@ -268,7 +268,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     `step` returns the first observation of the new episode, and the last one of the old episode in
     `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
-    estimated ("bootstrapped") from there. `infos["_final_obs"][i]`: has robot i's episode ended?
+    estimated ("bootstrapped") from there. If one has ended: infos["_final_obs"][i] says, robot i's?
     (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
     """
 
@@ -361,7 +361,8 @@ def hand_written(measured, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] where to look; from half a metre on: our choice
     low, high = np.array(limits.low) / 2, np.array(limits.high) / 2
     footsteps = np.zeros((len(measured), 2, 3))
-    # Both feet share the way forward; sideways only the leading foot steps outward.
+    # Both feet share the way forward; sideways only the leading foot steps outward, to −y for the
+    # right one; yaw is limited by the smaller limit, low: inward.
     footsteps[:, :, 0] = np.clip(measured[:, 0] / 2, low[0], high[0])[:, None]
     footsteps[:, 0, 1] = np.clip(measured[:, 1], 0, high[1])
     footsteps[:, 1, 1] = np.clip(-measured[:, 1], 0, high[1])
@@ -382,24 +383,24 @@ def main():
         unit, low, high = ("m", "m", "rad")[i % 3], limits.low[i % 3], limits.high[i % 3]
         print(f"{name:32s} {unit:>22s} {low:7.2f} {high:7.2f}")
 
-    envs, terms = FootstepVectorEnv(64, args.sim, imu=args.imu), []
+    envs = FootstepVectorEnv(64, args.sim, imu=args.imu)
     dice = stream("training", args.seed, 0)
     planners = {"random": lambda goals, limits: dice.random((len(goals), 6)),
                 "hand-written": hand_written}
     print(f"\n64 robots, 60 double steps ({60 * envs.world.engine.period:.0f} s) each")
     for planner, act in planners.items():
         envs.reset(seed=args.seed)
-        ends = {"success": 0, "fall": 0}
+        ends, terms = {"success": 0, "fall": 0}, []
         for _ in range(60):
             *_, infos = envs.step(act(envs.world.measure(np.arange(64)), limits))
             terms.append({name: r[0] for name, r in infos["reward_terms"].items()})  # of robot 0
-            for name in ends if "final_info" in infos else ():
-                ends[name] += infos["final_info"][name].sum()
+            for name in ends:
+                ends[name] += infos.get("final_info", {name: np.zeros(1, int)})[name].sum()
         print(f"{planner:13s}: {ends['success']} episodes at the goal, {ends['fall']} falls")
     envs.close()
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     for name in terms[0]:  # of the hand-written planner
-        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms[60:]]), label=name)
+        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), label=name)
     axis.set(title=f"Robot 0 with the hand-written planner, several episodes ({args.sim})",
              xlabel="double step", ylabel="sum of rewards so far [1]")
     axis.legend(ncols=2)

@@ -17,8 +17,8 @@ What is maximised. The policy π(a|s) is a distribution over the actions a for e
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; we want it large on average.
   value      V(s) = E[G_t | s]: what to expect; a second network, the critic, learns it
   advantage  A_t: how much better the action was than expected, about G_t − V(s_t)
-How the average changes with the policy: ∇E[G] = Σ G·∇π = E[G·∇ln π], as ∇π = π·∇ln π. Subtracting
-V(s) from G changes nothing on average, as E[∇ln π] = ∇Σπ = ∇1 = 0, but much of the noise goes. So
+How the average changes with the policy, Σ over actions: ∇E[G] = Σ G·∇π = E[G·∇ln π]. Subtracting
+V(s) from G changes nothing on average, as E[∇ln π] = Σ∇π = ∇1 = 0, but much of the noise goes. So
 E[A·∇ln π(a|s)] is the way to go (policy gradient): good actions become more likely, bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
@@ -79,7 +79,7 @@ class PPOConfig:
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
     reward_scale: float = 1.0  # multiplies the reward the learner sees, not the one logged [own]
     checkpoint_every: int = 10  # updates; see `Run.begin_again` [own]
-    unsettled: int = 3  # updates after that in which a time-out cannot happen: not logged [own]
+    unsettled: int = 3  # updates after that in which time-outs are missing: ends not logged [own]
 PENDULUM = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.95, reward_scale=0.1)
 
 # ------------------------------------------------------------------------ the networks
@@ -245,7 +245,7 @@ def episode_means(infos):
             final |= {"return": info["episode"]["r"], "length": info["episode"]["l"]}
         for i in np.flatnonzero(info.get("_episode", ())):
             for name in ended.keys() & final.keys():
-                if name != "time" or final.get("success", final["time"])[i]:  # [s] of successes
+                if name != "time" or "success" not in final or final["success"][i]:  # [s]
                     ended[name].append(final[name][i])
     return {name: float(np.mean(v)) if v else float("nan") for name, v in ended.items()}
 
@@ -338,15 +338,15 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
             watched |= {**episode_means(infos if settled else []), "learning_rate": learning_rate}
             run.log((update + 1) * cfg.num_envs * cfg.rollout, watched, bar)
         if run.update < updates:  # the policy first: the last checkpoint says that it exists
-            save_policy(run.out / "policy.pt", model, {**run.about, **run.rows[-1]})
+            done = {key: run.rows[-1][key] for key in ("steps", "minutes")}
+            save_policy(run.out / "policy.pt", model, {**run.about, **done})
             run.save(updates, model, optimizer)
     finally:
         bar.close()
         envs.close()
     return model, run.rows
 
-def random_seed(*numbers):
-    """One whole number made of several, as a seed."""
+def random_seed(*numbers):  # one made of several
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 class Run:
@@ -426,9 +426,8 @@ def foreign_envs(env_id, num_envs):
 
     mode = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     envs = gym.make_vec(env_id, num_envs, "sync", mode, (wrap,))
-    actions = envs.single_action_space
-    if len(actions.shape) != 1 or actions.dtype.kind != "f":
-        raise ValueError(f"an action is {actions}")
+    if len(envs.single_action_space.shape) != 1 or envs.single_action_space.dtype.kind != "f":
+        raise ValueError(f"an action is {envs.single_action_space}")
     return envs
 
 def parse(argv):
@@ -474,7 +473,7 @@ def main(argv=None):
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
     if not args.env:
-        file = "" if out == args.usual else f" --policy {out / 'policy.pt'}"
+        file = " --imu" * args.imu if out == args.usual else f" --policy {out / 'policy.pt'}"
         print("next: python 05_evaluate.py --noise" + " --mujoco" * (args.sim == "mujoco") + file)
 
 if __name__ == "__main__":  # the simulator's worker processes import this file again

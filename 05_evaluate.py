@@ -176,8 +176,8 @@ def still_there(world, reached):
     for _ in range(2):
         if len(robots):
             result = world.step(np.tile(world.neutral_action, (len(robots), 1)), robots)
-            inside[robots] = result["success"]  # the second time counts, …
-            robots = robots[~result["fall"]]  # … but a fall at any time
+            inside[robots] = result["success"]  # what counts is the second time
+            robots = robots[~result["fall"]]  # who falls the first time stays outside
     return inside
 
 def record(planner, world, goals):
@@ -385,7 +385,8 @@ def plot_animation(walk, path, robot, every=10, longest=16.0):
         side.axhline(0, color="black", lw=1)
         side.set(xlim=(way[tick] - 0.4, way[tick] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
                  xlabel="way walked [m]", ylabel="z [m]")
-        side.set_title(ending(walk) if tick == frames[-1] else f"{(tick + 1) * dt:.1f} s")
+        ended = tick + 1 == len(walk["torso"])
+        side.set_title(ending(walk) if ended else f"{(tick + 1) * dt:.1f} s")
         draw_walk(top, walk, tick + 1)
         top.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), title="from above")
 
@@ -440,8 +441,7 @@ def choose_planners(sim, chosen=None, imu=False):
 
 def run(world, goals, planners, about, args, out):
     """Every planner, with --noise once more; then the files."""
-    for name, facts in about.items():
-        print(f"{name}:", ", ".join(f"{key} {value}" for key, value in facts.items()))
+    print(*(f"{name}: {facts}" for name, facts in about.items()), sep="\n")
     results = {}
     jobs = [(name, noise) for noise in (False, True)[: 1 + args.noise] for name in planners]
     for name, noise in (bar := tqdm(jobs, unit=" rows", dynamic_ncols=True)):
