@@ -144,10 +144,10 @@ def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] in, matrices [..., 3, 3] out."""
     cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
     cy, sy = np.cos(yaw), np.sin(yaw)
-    rows = [[cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
-            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
-            [-sp, cp * sr, cp * cr]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    rows = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
+            sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
+            -sp, cp * sr, cp * cr]
+    return np.stack(rows, -1).reshape(*np.shape(roll), 3, 3)
 
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].

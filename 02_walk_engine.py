@@ -82,15 +82,15 @@ def quintic(start, end, duration):
     """
     p0, v0, a0 = np.moveaxis(np.asarray(start, float), -1, 0)
     p1, v1, a1 = np.moveaxis(np.asarray(end, float), -1, 0)
-    T = duration
-    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. What they leave open at t = T:
-    p = p1 - p0 - v0 * T - a0 * T**2 / 2
-    v = v1 - v0 - a0 * T
+    D = duration
+    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. What they leave open at t = D:
+    p = p1 - p0 - v0 * D - a0 * D**2 / 2
+    v = v1 - v0 - a0 * D
     a = a1 - a0
-    # c₃T³ + c₄T⁴ + c₅T⁵ = p,  3c₃T² + 4c₄T³ + 5c₅T⁴ = v,  6c₃T + 12c₄T² + 20c₅T³ = a, solved:
-    c3 = (20 * p - 8 * v * T + a * T**2) / (2 * T**3)
-    c4 = (-30 * p + 14 * v * T - 2 * a * T**2) / (2 * T**4)
-    c5 = (12 * p - 6 * v * T + a * T**2) / (2 * T**5)
+    # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a, solved:
+    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
+    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
+    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
     return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
 
 def polynomial(c, t, order=0):

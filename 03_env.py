@@ -139,7 +139,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress: each is Φ′ − Φ
     of some quantity Φ. Added up without a discount, only the ends are left,
         Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start,   so a circle pays nothing; with a discount γ < 1,
-        Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},   t = 0 … T − 1:
+        Σ γᵗ·(Φ_{t+1} − Φ_t) = γᴷ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},   t = 0 … K − 1:
     as Φ is negative away from the goal (−d), every double step spent there costs (1 − γ)·|Φ|. Look
     up: potential-based shaping (Ng, Harada, Russell, 1999); theirs, γ·Φ′ − Φ, has no such cost.
     """

@@ -156,13 +156,13 @@ def test_samples_follow_the_policy_and_values_have_no_extra_axis():
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
     model, obs = ppo.ActorCritic(2, 1), torch.zeros(1000, 2)
-    for raw in ([-1e4, -1e4], [1e6, -1e4], [-1e4, 1e6], [1e6, 1e6]):
+    for raw in ([-1e4, -1e4], [1e6, -1e4], [-1e4, 1e6], [1e6, 1e6], [3e38, -1e4], [3e38, 3e38]):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
         pi, x = model.policy(obs), model.sample(obs)
         assert ((x > 0) & (x < 1)).all(), "keep samples off 0 and 1"
         for name, got in (("log-probability", pi.log_prob(x)), ("entropy", pi.entropy()),
                           ("mode", pi.mode), ("mean", pi.mean)):
-            assert torch.isfinite(got).all(), f"{name} for α, β from {raw}"
+            assert torch.isfinite(got).all(), f"{name} for {raw}: keep α and β within bounds"
         pi.log_prob(x).sum().backward()
         assert all(torch.isfinite(p.grad).all() for p in model.actor.parameters()), "gradient"
         decided = model.decide(obs.numpy())
