@@ -303,6 +303,14 @@ def read_goals(path):
     goals[:, 2] = env.wrap(goals[:, 2])
     return goals
 
+def read_settings(path):
+    """The BaselineSettings of a file: all eight, finite."""
+    try:
+        stored = json.loads(path.read_text(encoding="utf-8"))["settings"]
+        return BaselineSettings(**dict(zip(stored, env.checked("", list(stored.values()), 8))))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{path}: not written by tests/studies/baseline.py") from error
+
 def write_text(path, text):
     """UTF-8 and plain line ends on every system; the old file or the new one, never half of one."""
     ppo.atomic_write(path, lambda temporary: temporary.write_bytes(text.encode("utf-8")))
@@ -406,36 +414,27 @@ def find(sim, name):
 def choose_planners(sim, chosen=None, imu=False):
     """Planners by row name, the one for the figures first, and what evaluation.json says of them.
 
-    chosen: the policy file that the user named, if any; imu: the policy with IMU comes first. Only
-    the first must fit; another one that does not is left out.
+    The first policy, the one that the user named (chosen) or asked for (imu), must fit the world;
+    the other one joins if it does.
     """
-    paths = [chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")]
-    paths = paths[::-1] if imu else paths
-    planners, about = {}, {}
-    if paths[0] is None:
-        command = "python 04_ppo.py" + (" --mujoco" if sim == "mujoco" else "") + " --imu" * imu
+    first, second = chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")
+    first, second = (second, first) if imu else (first, second)
+    if first is None:
+        command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco") + " --imu" * imu
         raise InputError(f"no policy for {sim} yet: train one with `{command}`, or use --policy")
-    for path in filter(None, paths):
-        try:
-            planner, description = load_planner(path, sim)
-        except ppo.PolicyError as error:
-            if not planners:
-                raise
-            print(f"left out: {error}", file=sys.stderr)
-            break
+    planner, facts = load_planner(first, sim)
+    name = "policy_imu" if planner.imu else "policy"
+    planners, about = {name: planner}, {name: facts}
+    try:
+        planner, facts = load_planner(second or first, sim)
         name = "policy_imu" if planner.imu else "policy"
-        if name not in planners:  # --policy may name one with IMU
-            planners[name], about[name] = planner, description
-    planners["baseline"] = BaselinePlanner()
-    path = find(sim, "baseline_tuned.json")
+        planners.setdefault(name, planner)
+        about.setdefault(name, facts)
+    except ppo.PolicyError as error:
+        print(f"left out: {error}", file=sys.stderr)
+    planners["baseline"], path = BaselinePlanner(), find(sim, "baseline_tuned.json")
     if path:
-        try:
-            stored = json.loads(path.read_text(encoding="utf-8"))["settings"]
-            values = env.checked("settings", list(stored.values()), 8)
-            settings = BaselineSettings(**dict(zip(stored, values)))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise InputError(f"{path}: not written by tests/studies/baseline.py") from error
-        planners["baseline_tuned"] = BaselinePlanner(settings)
+        planners["baseline_tuned"] = BaselinePlanner(read_settings(path))
         about["baseline_tuned"] = {"file": path.as_posix()}
     return planners, about
 
