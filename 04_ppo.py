@@ -170,8 +170,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 
     next_values[t] is V of what really followed step t. One surprise of the critic,
     δ_t = r_t + γ·V(s_{t+1}) − V(s_t), is an advantage with little noise, but wrong where the critic
-    is. In two, δ_t + γ·δ_{t+1} = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t), the V between cancels; in
-    all, G_t − V(s_t), right but noisy. λ < 1 lets them fade: A_t = Σ_k (γλ)ᵏ·δ_{t+k}
+    is. In two, δ_t + γ·δ_{t+1} = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t), the V between cancels.
+    All make G_t − V(s_t), right but noisy. λ < 1 lets them fade: A_t = Σ_k (γλ)ᵏ·δ_{t+k}
     """
     # δ_t = r_t + γ·(1 − terminated_t)·V(s'_t) − V(s_t)
     bootstrap = torch.where(terminated, torch.zeros_like(next_values), next_values)
