@@ -583,7 +583,8 @@ class Workers:
     def close(self):
         for pipe, process in zip(self.pipes, self.processes):
             pipe.close()
-            process.join(timeout=5)
+            process.join(timeout=5)  # it reads the end of the pipe,
+            process.terminate()  # unless a process forked since then holds the pipe open
 
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     """N robots in "pymunk" or "mujoco", standing as `stance` says; they start and reset so."""

@@ -79,7 +79,7 @@ class PPOConfig:
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
     reward_scale: float = 1.0  # multiplies the reward the learner sees, not the one logged [own]
     checkpoint_every: int = 10  # updates; see `Run.begin_again` [own]
-    unsettled: int = 3  # updates after that in which time-outs are missing: ends not logged [own]
+    unsettled: int = 3  # updates after that without time-outs, or with many: not logged [own]
 PENDULUM = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.95, reward_scale=0.1)
 
 # ------------------------------------------------------------------------ the networks
@@ -220,7 +220,7 @@ def improve(model, optimizer, data, cfg):
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
             # Â = (A − mean) / std: compared with the minibatch, whatever the size of the rewards
             a = advantages[pick]
-            a = (a - a.mean()) / (a.std() + 1e-8)
+            a = (a - a.mean()) / (a.std(correction=0) + 1e-8)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
             critic_loss = ((model.value(obs[pick]) - targets[pick]) ** 2).mean()
             loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss

@@ -401,9 +401,9 @@ def test_unknown_simulators_are_refused(kind, sim):
     assert len(str(caught.value).splitlines()) == 1
 
 def test_gymnasium_passes_the_refusal_on():
-    for make in (gym.make, gym.make_vec):
+    for build in (gym.make, gym.make_vec):
         with pytest.raises(ValueError, match=r"^sim must be"):
-            make("Footsteps-v0", sim="gazebo")
+            build("Footsteps-v0", sim="gazebo")
 
 # ------------------------------------------------------------------------ rewards
 def terms(before, after, action=None, last=None, fall=False, success=False):

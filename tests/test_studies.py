@@ -417,3 +417,60 @@ def test_a_decision_takes_time(monkeypatch):
     micros = decision_time.decision_time(evaluate.BaselinePlanner(), world, 2)
     world.close()
     assert 1 < micros < 1e6, "[µs]"
+
+
+# ------------------------------------------------------------------------ the honest floor
+def test_the_lowest_corner_of_a_sole_is_mujoco_s():
+    import mujoco
+
+    floor, robot_model = import_module("floor"), common.robot_model
+    robot, rng = robot_model.RobotModel(), np.random.default_rng(0)
+    model = robot_model.mujoco_model(robot)
+    data = mujoco.MjData(model)
+    joints = np.tile(robot_model.stance(robot)[1], (20, 1)) + rng.normal(size=(20, 12)) * 0.2
+    torso = np.c_[rng.normal(size=(20, 3)), rng.uniform(-0.4, 0.4, (20, 3))]
+    got, want = floor.corners(robot, torso, joints)[1], []
+    for pose, angles in zip(torso, joints):
+        quaternion = np.zeros(4)
+        mujoco.mju_mat2Quat(quaternion, robot_model.rotation(*pose[3:]).ravel())
+        data.qpos[:] = np.concatenate([pose[:3], quaternion, angles])
+        mujoco.mj_forward(model, data)
+        for name in ("left sole", "right sole"):
+            geom = data.geom(name)
+            size = np.abs(geom.xmat.reshape(3, 3)[2]) @ model.geom(name).size  # half its height
+            want.append(geom.xpos[2] - size)
+    np.testing.assert_allclose(got.ravel(), want, atol=1e-9, err_msg=(
+        "is the outward side of the right foot −y, and is the ankle above the sole?"))
+
+def test_combined_steps_are_made_smaller_and_single_ones_are_not():
+    floor = import_module("floor")
+    limits = floor.walk_engine.LIMITS["mujoco"]
+    corner, single = np.array([limits.high, limits.low]), np.diag(limits.high)[:2]
+    np.testing.assert_array_equal(floor.limited(single, 1.5), single, err_msg="one share is 1")
+    np.testing.assert_allclose(floor.limited(corner, 1.5), corner / 2, err_msg="3 shares to 1.5")
+    np.testing.assert_array_equal(floor.limited(corner, 3.0), corner, err_msg="anything goes")
+
+def test_on_the_honest_floor_a_walk_does_not_care_where_north_is():
+    """On MuJoCo's pyramid the same walk ends elsewhere when it starts at another heading."""
+    floor, compose = import_module("floor"), common.robot_model.compose
+    headings, ends = np.radians([0, 45, 90]), {}
+    engine = floor.RollingEngine(3, floor.RETUNED)
+    engine.roll = 0.0541
+    plans = [engine.plan(np.tile([[0.06, 0.02, 0.1], [0.06, 0, -0.1]], (3, 1, 1)), range(3))[0]
+             for _ in range(6)]
+    for name in ("pyramid", "honest"):
+        sim = floor.HonestSim(engine.stance, np.full(3, 0.5), np.random.default_rng(0))
+        sim.models, sim.delay = [sim.models[0]] * 3, sim.delay[:1].repeat(3)  # three equal bodies
+        if name == "pyramid":
+            sim.models[0].opt.cone = 0
+        half = headings / 2
+        sim.state[:, sim.TURN] = [  # turn · lean of the start
+            [np.cos(h) * w, -np.sin(h) * y, np.cos(h) * y, np.sin(h) * w]
+            for h, (w, _, y, _) in zip(half, sim.state[:, sim.TURN])]
+        for plan in plans:
+            pose = sim.run(plan, np.arange(3)).torso[:, -1, [0, 1, 5]]
+        sim.close()
+        back = np.stack([0 * headings, 0 * headings, -headings], -1)  # seen from the start
+        ends[name] = np.ptp(compose(back, pose)[:, :2], axis=0).max()  # [m]
+    assert ends["honest"] < 0.01, f"{ends['honest']:.3f} m apart: is friction isotropic?"
+    assert ends["pyramid"] > 0.01, "the test sees no difference between the two cones"
