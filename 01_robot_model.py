@@ -642,9 +642,9 @@ def draw_robot(axis, robot, torso, joints, alpha=1.0):
     up = rotation(*torso[3:]) @ np.array([0, 0, 0.3])  # [m] as long as the real torso
     back = np.array([points[:, 0].mean(0), torso[:3] + up])  # from between the hips
     axis.plot(back[:, 0], back[:, 2], color="0.75", lw=14, alpha=alpha, solid_capstyle="butt")
-    for leg in (RIGHT, LEFT):  # hip, knee, ankle, heel, toe, ankle
+    for leg in (RIGHT, LEFT):  # hip, knee, ankle, heel, toe, ankle; the right leg shows as a rim
         x, _, z = points[leg, [0, 1, 2, 3, 4, 2]].T
-        axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=3, solid_joinstyle="round")
+        axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=2 + 3 * leg, solid_joinstyle="round")
 
 def main():
     """See the head of this file."""
