@@ -169,7 +169,7 @@ class FootstepWorld:
 
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
                  robot=robot_model.RobotModel()):
-        if sim not in walk_engine.LIMITS:
+        if sim not in list(walk_engine.LIMITS):  # a list: sim may be anything
             raise ValueError(f"sim must be {' or '.join(walk_engine.LIMITS)}, got {sim!r}")
         self.task, self.limits = task, walk_engine.LIMITS[sim]
         self.noise = noise  # is the goal measured with noise?
