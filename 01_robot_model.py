@@ -491,6 +491,7 @@ class PymunkSim:
         """Bodies [n, T + 1, 7, 6], before and after every tick; joint targets [n, T + 1, 6]."""
         set_rate = pymunk.SimpleMotor.rate.fset  # `motor.rate = …` at half its price
         robot, limit = self.robot, np.tile(self.robot.speed_limit[2:5], 2)
+        dt, numbers = robot.control_dt / robot.substeps, robots.tolist()
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
         seen = np.empty((*targets.shape[:2], 7, 6))
         seen[:, 0] = self.bodies[robots]
@@ -498,11 +499,11 @@ class PymunkSim:
             # A motor that only followed the error would lag behind a moving target: add its rate.
             speeds = rates[:, t] + robot.planar_gain * (targets[:, t] - self._angles(seen[:, t]))
             speeds = np.minimum(np.maximum(speeds, -limit), limit)
-            for i, row in zip(robots, speeds.tolist()):
+            for i, row in zip(numbers, speeds.tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     set_rate(motor, speed)
                 for _ in range(0 if self.lost[i] else robot.substeps):
-                    self.spaces[i].step(robot.control_dt / robot.substeps)
+                    self.spaces[i].step(dt)
             seen[:, t + 1] = self._read(robots)
             lost = ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))  # diverged; nan < 1e4 is False, too
             seen[lost, t + 1] = seen[lost, t]  # where it was last seen

@@ -351,8 +351,7 @@ def draw_walk(axes, walk, ticks=None):
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.3)
 
-def ending(walk):
-    """How a walk ended, in words."""
+def ending(walk):  # in words
     words = {"success": "reached", "fall": "fell", "timeout": "not reached"}[walk["outcome"]]
     return f"{words} after {walk['time']:.1f} s, {len(walk['feet'])} double steps"
 
