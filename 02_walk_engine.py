@@ -54,7 +54,7 @@ class StepLimits:
     low: tuple  # x [m], y [m], yaw [rad], outward positive
     high: tuple
 
-TUNED = {  # by `python 02_walk_engine.py --tune` and `… --tune --mujoco`, seed 0, 2026-11-21
+TUNED = {  # by `--tune` and `--tune --mujoco` of commit c5bd0f7, seed 0, 2026-11-21
     # Both frequencies mean single steps of 28 ticks: 0.56 s for a double step.
     "pymunk": WalkParameters(
         frequency=1.8034, double_support=0.116, foot_rise=0.0285, trunk_height=0.3792,
