@@ -2,8 +2,8 @@
 
 A study is a file with its DURATION in words and a function `study(sim)` that returns `Findings`.
 `main` runs it and writes them to runs/studies/<sim>/; only `--ship` copies them to results/<sim>/.
-What takes long is kept in runs/studies/<sim>/work/, under a name made from every setting it depends
-on: an interrupted study continues, a repeated one is quick. (Code is no part of the name: after
+What takes long is kept in runs/studies/<sim>/cache/, named after every setting it depends on:
+an interrupted study continues, a repeated one is quick. (Code is no part of the name: after
 changing it, delete the folder.)
 
 Most studies judge what is shipped. After a change of robot, walk or task therefore, each --ship:
@@ -95,7 +95,7 @@ def publish(name, sim, findings, ship=False):
 # ------------------------------------------------------------------------ files
 def work(sim, *parts):
     """Where that study's long work is kept; the folder is made."""
-    folder = RUNS.joinpath(sim, "work", *parts)
+    folder = RUNS.joinpath(sim, "cache", *parts)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
