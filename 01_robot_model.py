@@ -28,6 +28,7 @@ anything. The planar robot cannot fall sideways: see `PymunkSim`.
 
 import argparse
 import contextlib
+import copy
 import importlib.util
 import math
 import multiprocessing
@@ -81,7 +82,7 @@ class RobotModel:
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)
     armature: float = 0.01  # [kg m²] our choice
     # The world.
-    friction: float = 0.5  # [-] foot on ground, the value of the robot's own simulator
+    friction: float = 0.7  # [-] foot on ground, μ; the robot's own simulator: 0.5
     gravity: float = 9.81  # [m/s²]
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
@@ -103,6 +104,35 @@ class RobotModel:
     def damping(self):
         """Back-EMF of the motors of a leg, shape [6] [N m s/rad]: torque limit / speed limit."""
         return np.array(self.torque_limit) / np.array(self.speed_limit)
+
+@dataclass(frozen=True)
+class Spread:
+    """How far ground and robot may be from the model in an episode; the robot is not told.
+
+    All zeros is the model itself. Every value is drawn evenly and by itself; sizes: our choice.
+    """
+    friction: float = 0.3  # [-] ± on μ
+    mass: float = 0.10  # [-] ± share of every link's mass and inertia
+    stiffness: float = 0.20  # [-] ± share of every motor's position gain
+    stiction: float = 1.5  # [N m] 0 to this: static friction of every joint; public model: 2.55
+    delay: int = 1  # [ticks] 0 or this between a joint target and its motors
+
+    def draw(self, rngs, robot):
+        """One Body per generator, n in all."""
+        dice = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 35]
+        friction, mass, stiffness, stiction, delay = np.split(dice, [1, 10, 22, 34], axis=1)
+        return Body(robot.friction + self.friction * friction[:, 0], 1 + self.mass * mass,
+                    1 + self.stiffness * stiffness, self.stiction * (1 + stiction) / 2,
+                    self.delay * (delay[:, 0] > 0))
+
+@dataclass
+class Body:
+    """What n robots drew, and do not know."""
+    friction: np.ndarray  # [n] μ of the ground
+    mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
+    stiffness: np.ndarray  # [n, 12] factors
+    stiction: np.ndarray  # [n, 12] [N m]
+    delay: np.ndarray  # [n] [ticks] 0 or more
 
 @dataclass
 class Trajectory:
@@ -278,7 +308,8 @@ def mujoco_model(robot):
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
     Geoms touch nothing (contype 0) except in three pairs; condim 3: a normal force and two along
-    the ground, within the friction pyramid: μ along the ground's x and y, μ/√2 between them.
+    the ground, within Coulomb's cone, alike in all directions (MuJoCo's own choice is a pyramid: μ
+    along the ground's x and y, μ/√2 between them; it costs 1.6 times less and lets feet skate).
     The flags save a third of the time: at landing feet Newton's method needs fewer iterations when
     it does not start from the last forces, and one robot has no islands to solve apart.
     """
@@ -289,6 +320,7 @@ def mujoco_model(robot):
     spec.option.timestep = robot.control_dt / robot.substeps
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = 0, 0, -robot.gravity
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.disableflags = bit.mjDSBL_WARMSTART | bit.mjDSBL_ISLAND
     ground = mujoco.mjtGeom.mjGEOM_PLANE
     spec.worldbody.add_geom(name="ground", type=ground, size=(0, 0, 1), contype=0, conaffinity=0)
@@ -324,8 +356,9 @@ class MujocoSim:
 
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.robot, (torso, joints) = robot, standing
+        self.mujoco, self.robot, (torso, joints) = mujoco, robot, standing
         self.model = mujoco_model(robot)
+        self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
         self.pool = Rollout(nthread=cores if cores > 1 else 0)
         self.standing_height = torso[2]
@@ -333,10 +366,29 @@ class MujocoSim:
         self.start[self.PLACE], self.start[self.ANGLES] = torso[:3], joints
         self.start[self.TURN] = math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
+        self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
+        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
 
-    def reset(self, robots):
-        """Put these robots (indices [n]) back to standing at the origin."""
-        self.state[robots] = self.start
+    def reset(self, robots, body=None):
+        """Put these robots (indices [n]) back to standing at the origin; body: what they drew."""
+        self.state[robots], self.control[robots] = self.start, self.start[self.ANGLES]
+        if body is not None:
+            self.delay[robots] = body.delay
+            for row, i in enumerate(robots):
+                self.models[i] = self._changed(body, row)
+
+    def _changed(self, body, row):
+        """The model with this row of a Body."""
+        model = copy.copy(self.model)
+        mass = np.append(1.0, body.mass[row])  # in the order of MuJoCo's bodies; first the world
+        model.body_mass[:] *= mass
+        model.body_inertia[:] *= mass[:, None]
+        model.pair_friction[:, :2] = body.friction[row]
+        model.actuator_gainprm[:, 0] *= body.stiffness[row]
+        model.actuator_biasprm[:, 1] *= body.stiffness[row]
+        model.dof_frictionloss[6:] = body.stiction[row]
+        self.mujoco.mj_setConst(model, self.data[0])  # whatever MuJoCo derives from the masses
+        return model
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -345,8 +397,12 @@ class MujocoSim:
         # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
+        late = np.concatenate([self.control[robots][:, None], control[:, :-1]], 1)  # by a tick
+        self.control[robots] = control[:, -1]
+        control = np.where(self.delay[robots, None, None], late, control)
         control = np.repeat(control, robot.substeps, axis=1)
-        states, _ = self.pool.rollout(self.model, self.data, start, control)
+        models = [self.models[i] for i in robots]
+        states, _ = self.pool.rollout(models, self.data, start, control)
         # MuJoCo restarts a diverged robot at time 0: a healthy-looking teleport. It is a fall.
         expected = start[:, self.TIME] + rate.shape[1] * robot.control_dt
         lost = ~np.isfinite(states).all((1, 2))
@@ -386,7 +442,8 @@ class PymunkSim:
     part of the command is lost. Sideways follows the command and cannot fall.
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
-    ANGLE, V_Z, SPIN = 2, 4, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
+    ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
+    MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot=RobotModel()):
         self.robot, self.links = robot, planar_links(robot)
@@ -400,23 +457,37 @@ class PymunkSim:
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
+        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        self.speeds = np.zeros((num_robots, 6))  # of the motors in the last tick [rad/s]
+        self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
+        self.friction = np.full(num_robots, robot.friction)
+        self.gain = np.full((num_robots, 6), robot.planar_gain)  # [1/s]
         self.reset(np.arange(num_robots))
 
-    def reset(self, robots):
-        """Put these robots (indices [n]) back to standing at the origin."""
-        for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
-            self.spaces[i], self.motors[i] = self._build()
+    def reset(self, robots, body=None):
+        """Put these robots (indices [n]) back to standing at the origin; body: what they drew.
+
+        A motor here is a speed with a largest torque; static friction is taken from that torque.
+        """
+        if body is not None:
+            self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
+            self.friction[robots], self.delay[robots] = body.friction, body.delay
+            self.gain[robots] = self.robot.planar_gain * body.stiffness[:, SAGITTAL]
+        for row, i in enumerate(robots):  # in a fresh space: a used one keeps contacts of a fall
+            stiction = np.zeros(6) if body is None else body.stiction[row, SAGITTAL]
+            self.spaces[i], self.motors[i] = self._build(i, stiction)
+        self.speeds[robots] = 0
         self.pose[robots], self.yaw_rate[robots], self.yaw_lag[robots] = 0, 0, 0
         self.lost[robots], self.bodies[robots] = False, self._read(robots)
 
-    def _build(self):
-        """A space with ground and standing robot, and the robot's six motors."""
+    def _build(self, i, stiction):
+        """A space with ground and standing robot i, and the robot's six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity, space.iterations = (0, -robot.gravity), robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         ground = pymunk.Segment(space.static_body, (-1e4, -1.0), (1e4, -1.0), 1.0)
-        ground.friction = robot.friction  # pymunk MULTIPLIES both shapes' values; the other is 1
+        ground.friction = self.friction[i]  # pymunk MULTIPLIES both shapes' values; the other is 1
         space.add(ground)
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
         points = [tuple(torso[[0, 2]]), *map(tuple, legs)]  # [7, 2] upper joint of each body
@@ -425,7 +496,8 @@ class PymunkSim:
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
             # The rotor turns with the link below it. It also keeps the solver calm: without it the
             # light shin between heavy neighbours makes a standing robot sway by centimetres.
-            body = pymunk.Body(link.mass, link.inertia[1] + (robot.armature if k else 0.0))
+            mass, rotor = self.masses[i, k], robot.armature if k else 0.0
+            body = pymunk.Body(mass, link.inertia[1] * mass / link.mass + rotor)
             x, _, z = link.com
             body.angle, body.position = -pitch, point
             body.position = body.local_to_world((x, z))  # pymunk counts from the centre of mass
@@ -440,7 +512,7 @@ class PymunkSim:
             if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
                 motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
-                motors[-1].max_force = robot.torque_limit[index]  # [N m]
+                motors[-1].max_force = robot.torque_limit[index] - stiction[k - 1]  # [N m]
                 limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
                 space.add(motors[-1], pymunk.PivotJoint(parent, body, point),
                           pymunk.RotaryLimitJoint(parent, body, *limits))
@@ -497,8 +569,10 @@ class PymunkSim:
         seen[:, 0] = self.bodies[robots]
         for t in range(rates.shape[1]):
             # A motor that only followed the error would lag behind a moving target: add its rate.
-            speeds = rates[:, t] + robot.planar_gain * (targets[:, t] - self._angles(seen[:, t]))
+            speeds = rates[:, t] + self.gain[robots] * (targets[:, t] - self._angles(seen[:, t]))
             speeds = np.minimum(np.maximum(speeds, -limit), limit)
+            late, self.speeds[robots] = self.speeds[robots], speeds
+            speeds = np.where(self.delay[robots, None], late, speeds)
             for i, row in zip(numbers, speeds.tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     set_rate(motor, speed)
@@ -515,10 +589,11 @@ class PymunkSim:
         """Yaw ψ [n, T + 1]; bodies [n, T + 1, 7, 6], commanded turn in every tick [n, T] [rad]."""
         robot, dt = self.robot, self.robot.control_dt
         k, c = robot.yaw_stiffness, robot.yaw_damping
-        # F = Σ mᵢ·(z̈ᵢ + g) ≥ 0: only the ground can hold the robot up. [n, T] [N]
-        lift = np.diff(seen[..., self.V_Z], axis=1) / dt + robot.gravity
-        force = np.maximum(lift @ [link.mass for link in self.links], 0.0)
-        bounds = np.minimum(robot.torque_limit[0], robot.friction * force * self.sole_radius)
+        # F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0: only the ground can push or hold. [n, T] [N]
+        change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
+        ahead, up = np.moveaxis((change * self.masses[robots, None, :, None]).sum(2), -1, 0)
+        grip = (self.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
+        bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
         rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n]
         for t in range(turn.shape[1]):
@@ -543,7 +618,8 @@ def serve(pipe, *settings):
     sim = PymunkSim(*settings)
     with contextlib.suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while True:
-            method, arguments = pipe.recv()
+            method, (robots, *parts) = pipe.recv()
+            arguments = (*parts, robots) if method == "run" else (robots, *parts)
             pipe.send(getattr(sim, method)(*arguments))
 
 class Workers:
@@ -560,23 +636,23 @@ class Workers:
             end.close()
             self.pipes.append(pipe)
 
-    def _ask(self, method, *trajectory, robots):
+    def _ask(self, method, robots, *parts):
         """Every process does it for its own of the robots [n]: rows of each, and its answers."""
         robots, count = np.asarray(robots, int), len(self.pipes)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         try:
             for own, pipe in zip(rows, self.pipes):
-                parts = (Trajectory(t.joints[own], t.trunk[own]) for t in trajectory)
-                pipe.send((method, (*parts, robots[own] // count)))
+                share = (type(part)(*(v[own] for v in vars(part).values())) for part in parts)
+                pipe.send((method, (robots[own] // count, *share)))
             return rows, [pipe.recv() for pipe in self.pipes]
         except (EOFError, ConnectionError) as error:
             raise OSError("a process of the simulator has ended, start again") from error
 
-    def reset(self, robots):
-        self._ask("reset", robots=robots)
+    def reset(self, robots, body=None):
+        self._ask("reset", robots, *([] if body is None else [body]))
 
     def run(self, trajectory, robots):
-        rows, motions = self._ask("run", trajectory, robots=robots)
+        rows, motions = self._ask("run", robots, trajectory)
         order = np.argsort(np.concatenate(rows))  # back into the order of `robots`
         fields = zip(*(vars(motion).values() for motion in motions))
         return Motion(*(np.concatenate(parts)[order] for parts in fields))

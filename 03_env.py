@@ -1,6 +1,7 @@
 """Stage 3: what does the robot see, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode.
+Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode. The robot
+has arrived when it stays: two double steps in a row must end at the goal (the paper asks for one).
 
     python 03_env.py      a random and a hand-written planner side by side; seconds
 
@@ -19,7 +20,8 @@ method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-
 of it to other libraries as a `gymnasium.Env`.
 
 Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
-the encoding of the observation, the spread of goals and noise.
+the encoding of the observation, the spread of goals and noise. Ours: ground and body are drawn anew
+for every episode (`Spread` of stage 1), and neither the planner nor the policy is told.
 """
 
 import math
@@ -37,13 +39,16 @@ wrap = robot_model.wrap
 @dataclass(frozen=True)
 class Task:
     """The task; source "paper", or "ours" where the paper is silent."""
-    goal_std_m: float = 1.0  # [m] goals: x, y ~ N(0, 1 m); ours
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, 0.5 m); ours: the paper's times fit it
+    far_std_m: float = 1.0  # [m] of every second goal in training, and of `05 --far`; ours
     goal_std_rad: float = math.pi / 2  # [rad] goals: yaw ~ N(0, π/2), wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = math.radians(10)  # [rad] paper
     time_limit: float = 100.0  # [s] simulated; paper
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
+    imu_rad: float = 0.02  # [rad] of the measured tilt; ours
+    imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
 
     # Scalars of the reward. The paper's terms (values reconstructed):
@@ -52,9 +57,9 @@ class Task:
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.02  # [-] continuity
     # Our three:
-    s_fall: float = 4.0  # [-] the price of a fall
-    s_goal: float = 1.0  # [-] the prize at the goal
-    s_time: float = 0.01  # [-] a double step; for ever: 0.01 / (1 − γ) = 0.5 with γ = 0.98
+    s_fall: float = 6.0  # [-] the price of a fall
+    s_goal: float = 1.0  # [-] the prize for having arrived
+    s_time: float = 0.02  # [-] a double step; for ever: 0.02 / (1 − γ) = 1 with γ = 0.98
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
 # robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
@@ -79,6 +84,7 @@ IMU_TABLE = (
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
+PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # of an episode's own random numbers
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
@@ -103,9 +109,10 @@ def checked(name, value, *shape):
     return array.astype(float)
 
 # ------------------------------------------------------------------------ goal, action, reward
-def draw_goals(rng, count, task=Task()):
+def draw_goals(rng, count, task=Task(), far=False):
     """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
-    goals = rng.normal(size=(count, 3)) * (task.goal_std_m, task.goal_std_m, task.goal_std_rad)
+    std = task.far_std_m if far else task.goal_std_m
+    goals = rng.normal(size=(count, 3)) * (std, std, task.goal_std_rad)
     goals[:, 2] = wrap(goals[:, 2])
     return goals
 
@@ -122,12 +129,16 @@ def encode_goal(goal):
                      np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
 
 def to_footsteps(action, limits):
-    """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper."""
+    """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper.
+
+    A footstep that asks for too much at once is made smaller (`within` of stage 2).
+    """
     low, high = np.array(limits.low), np.array(limits.high)
-    return low + np.reshape(action, (*np.shape(action)[:-1], 2, 3)) * (high - low)
+    asked = low + np.reshape(action, (*np.shape(action)[:-1], 2, 3)) * (high - low)
+    return walk_engine.within(asked, limits)
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3]; inverse of `to_footsteps`, clipped."""
+    """The action [..., 6] of footsteps [..., 2, 3], clipped; `to_footsteps` gives them back."""
     low, high = np.array(limits.low), np.array(limits.high)
     share = np.clip((footsteps - low) / (high - low), 0, 1)
     return share.reshape(*share.shape[:-2], 6)
@@ -160,41 +171,63 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
             "r_goal": task.s_goal * success, "r_time": np.full(len(d0), -task.s_time)}
 
 # ------------------------------------------------------------------------ the world
+@dataclass(frozen=True)
+class View:
+    """All that n robots know when they decide, but for the measured goals: plain copies."""
+    period: float  # [s] of a double step
+    limits: walk_engine.StepLimits
+    neutral_action: np.ndarray  # [6] step on the spot
+    actions: np.ndarray  # [n, 2, 6] the last one, the one before
+    observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
+
 class FootstepWorld:
     """N robots on their way to N goals. `robots` are always the indices [n] of some of them.
 
-    Every robot has a random generator of its own, for its goals and its noise: so N robots together
-    do the same as each of them alone.
+    Every robot has a random generator of its own, and in every episode a child of it for each of
+    PURPOSES: so N robots together do the same as each of them alone, and whatever a planner does,
+    ground, body and noise stay the same.
     """
 
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel()):
+                 robot=robot_model.RobotModel(), spread=robot_model.Spread()):
         if sim not in list(walk_engine.LIMITS):  # a list: sim may be anything
             raise ValueError(f"sim must be {' or '.join(walk_engine.LIMITS)}, got {sim!r}")
-        self.task, self.limits = task, walk_engine.LIMITS[sim]
-        self.noise = noise  # is the goal measured with noise?
+        self.task, self.limits, self.spread = task, walk_engine.LIMITS[sim], spread
+        self.noise = noise  # are goal and tilt measured with noise?
         parameters, planar = walk_engine.TUNED[sim], sim == "pymunk"
         self.engine = walk_engine.WalkEngine(num_robots, parameters, robot, planar)
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
+        self.dice = [{} for _ in self.rng]  # generators of the episode, by purpose
+        self.friction = np.zeros(num_robots)  # μ of the episode, as drawn
         self.goal = np.zeros((num_robots, 3))
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
         self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
         self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
+        self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
 
-    def reset(self, robots, rngs=(), goals=None):
-        """Start episodes: standing at the origin; rngs and goals [n, 3]: new ones, if given."""
+    def reset(self, robots, rngs=(), goals=None, friction=np.nan):
+        """Start episodes: standing at the origin; rngs and goals [n, 3]: new ones, if given.
+
+        friction: μ instead of what is drawn, [n] or one for all; nan: as drawn.
+        """
         robots = np.asarray(robots)
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
         for i, rng in zip(robots, rngs):
             self.rng[i] = rng
-        if goals is None:
-            goals = np.concatenate([draw_goals(self.rng[i], 1, self.task) for i in robots])
-        self.sim.reset(robots)
+        for i in robots:
+            self.dice[i] = dict(zip(PURPOSES, self.rng[i].spawn(len(PURPOSES))))
+        if goals is None:  # every second one is far
+            dice = [self.dice[i]["goal"] for i in robots]
+            goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
+        body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
+        body.friction = np.where(np.isnan(friction), body.friction, friction)
+        self.sim.reset(robots, body)
         self.engine.reset(robots)
+        self.friction[robots], self.inside[robots] = body.friction, False
         self.goal[robots], self.pose[robots], self.steps[robots] = goals, 0, 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
@@ -208,7 +241,7 @@ class FootstepWorld:
         goal = self.relative_goal(robots)
         if self.noise:
             scale = (self.task.noise_m, self.task.noise_m, self.task.noise_rad)
-            goal = goal + np.array([self.rng[i].normal(size=3) for i in robots]) * scale
+            goal = goal + np.array([self.dice[i]["noise"].normal(size=3) for i in robots]) * scale
         goal[:, 2] = wrap(goal[:, 2])
         return goal
 
@@ -216,15 +249,25 @@ class FootstepWorld:
         """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
         parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
         if imu:
+            tilt, task = self.tilt[robots], self.task
+            if self.noise:
+                scale = (task.imu_rad,) * 2 + (task.imu_rad_s,) * 3
+                tilt = tilt + np.array([self.dice[i]["imu"].normal(size=5) for i in robots]) * scale
             low, high = np.array([row[2:] for row in IMU_TABLE]).T
-            parts.append(np.clip(self.tilt[robots] * [4, 4, 1, 1, 1], low, high))
+            parts.append(np.clip(tilt * [4, 4, 1, 1, 1], low, high))
         return np.concatenate(parts, -1).astype(np.float32)
+
+    def view(self, robots, measured):
+        """What a planner may know of these robots beside the measured goals [n, 3]."""
+        return View(self.engine.period, self.limits, self.neutral_action.copy(),
+                    self.actions[robots], self.observe(robots, measured, imu=True))
 
     def step(self, actions, robots):
         """One double step of these robots; actions [n, 6], clipped to [0, 1].
 
-        Returns a dict of arrays [n]: success, fall, timeout (bool), time [s], reward, and
-        reward_terms by name; and the simulator's Motion.
+        Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
+        bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
+        success is that of the first of the two double steps that ended inside.
         """
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before, last = self.relative_goal(robots), self.actions[robots, 0]
@@ -238,13 +281,16 @@ class FootstepWorld:
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
         at_goal = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
-        success = at_goal & ~motion.fell  # a fall wins
+        inside = at_goal & ~motion.fell  # a fall wins
+        success = inside & self.inside[robots]  # twice in a row
+        self.inside[robots] = inside
         seconds = self.steps[robots] * self.engine.period
         # No double step may end after the time limit: is there room for one more?
         late = seconds + self.engine.period > self.task.time_limit + 1e-9
         timeout = late & ~success & ~motion.fell
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
-        return {"success": success, "fall": motion.fell, "timeout": timeout, "time": seconds,
+        return {"success": success, "fall": motion.fell, "timeout": timeout, "inside": inside,
+                "time": seconds - success * self.engine.period,
                 "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
     def close(self):

@@ -4,7 +4,7 @@ Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distributio
 variable), trained with PPO, proximal policy optimization [7]. The paper used Stable-Baselines3 [8];
 here it is written out, so that every equation has a line to point at.
 
-    python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
+    python 04_ppo.py                 1,000,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
@@ -33,8 +33,8 @@ stopped. Putting 0 there would tell the critic that walking well at 99 s is wort
 on the ground. So the missing sum is replaced by V of the LAST observation of that episode
 ("bootstrapping"), not by V of the next one's first; likewise where a rollout ends in mid-episode.
 
-Unlike the paper's, decisions are half-way between mode and mean; see `decide`. Leaves out: the
-entropy bonus of [7], normalised observations, value clipping, a stop at a large KL, memory, GPUs.
+Leaves out: the entropy bonus of [7], normalised observations, value clipping, a stop at a large KL,
+memory, GPUs.
 
 [7] Schulman et al.: Proximal Policy Optimization Algorithms, 2017, arXiv 1707.06347.
 [8] Raffin et al.: Stable-Baselines3: Reliable Reinforcement Learning Implementations, 2021.
@@ -59,8 +59,7 @@ from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
-STEPS, QUICK_STEPS = 500_000, 60_000  # double steps; the paper took 1,000,000
-MEAN_SHARE = 0.5  # [-] of the mean, the rest is the mode, in a decision; tuned
+STEPS, QUICK_STEPS = 1_000_000, 60_000  # double steps; as many as the paper's
 
 @dataclass(frozen=True)
 class PPOConfig:
@@ -77,6 +76,7 @@ class PPOConfig:
     max_grad_norm: float = 0.5  # longer gradients are scaled down to this length [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer [P]
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
+    sharpest: float = 4.0  # exploration fades: π^k, k grows linearly from 1 to this [own]
     reward_scale: float = 1.0  # multiplies the reward the learner sees, not the one logged [own]
     checkpoint_every: int = 10  # updates; see `Run.begin_again` [own]
     unsettled: int = 3  # updates after that without time-outs, or with many: not logged [own]
@@ -98,8 +98,11 @@ class ActorCritic(nn.Module):
 
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
     hump as long as α, β > 1. (Here α and β belong to a distribution; they are not the angles of
-    stage 3.)
+    stage 3.) Training rewards what the samples do, but what counts in the end is the mode. So the
+    samples move to the mode while the training goes on: with a growing sharpness k,
+        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, narrower, of one mode.
     """
+    sharpness = 1.0  # k; set by `train`
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
@@ -120,7 +123,7 @@ class ActorCritic(nn.Module):
     def policy(self, obs):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
         raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow; a mode
-        alpha, beta = (1.0 + raw).chunk(2, dim=-1)
+        alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
         return torch.distributions.Independent(  # the log-probability of an action is a sum
             torch.distributions.Beta(alpha, beta, validate_args=False), 1, validate_args=False)
 
@@ -129,17 +132,11 @@ class ActorCritic(nn.Module):
         with torch.no_grad():  # exactly 0 or 1 would have an infinite log-probability
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
-    def decide(self, obs, share=MEAN_SHARE):
-        """What to do when it counts, arrays: [N, obs] -> [N, act]. Between mode and mean.
-
-        The paper takes the mode. But training rewards what the samples do, and near a limit the
-        mode is far from most of them: with α = 1.1, β = 3 it is 0.05, their mean is 0.27. With its
-        mode a policy may fall, its mean is slower (tests/studies/decision.py).
-        """
-        with torch.no_grad():
+    def decide(self, obs):
+        """What to do when it counts, arrays: [N, obs] -> [N, act]: the mode, as in the paper."""
+        with torch.no_grad():  # mode = (α − 1) / (α + β − 2)
             pi = self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32))
-            # mode = (α − 1) / (α + β − 2),  mean = α / (α + β)
-            return ((1 - share) * pi.mode + share * pi.mean).numpy()
+            return pi.mode.numpy()
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps, bar):
@@ -332,6 +329,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
                 obs = run.begin_again(update, envs, model, optimizer)
             learning_rate = cfg.learning_rate * (1.0 - update / updates)
             optimizer.param_groups[0]["lr"] = learning_rate
+            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * update / updates
             data, obs, infos = collect(model, envs, obs, cfg.rollout, bar)
             watched = improve(model, optimizer, data, cfg)
             settled = update % cfg.checkpoint_every >= cfg.unsettled

@@ -1,22 +1,28 @@
-"""Stage 5: is the learned policy better than a hand-written planner, and how sure are we?
+"""Stage 5: is the learned policy better than other planners, and how sure are we?
 
-Paper: section III (500 goals, with and without measurement noise; Table II, Fig. 3) and its
-baseline [10]: a velocity controller that follows the goal like a carrot on a stick.
+Paper: section III (500 goals, with and without measurement noise; Table II, Fig. 3), its baseline
+[10], a velocity controller that follows the goal like a carrot on a stick, and the classical answer
+of its references [3] and [4]: search for the shortest way.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in two minutes
+    python 05_evaluate.py --noise --far    and a second block: goals twice as far
     python 05_evaluate.py --noise --gif    and an animation of one walk
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
+    python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
 
 (`--mujoco` in 3-D; `--imu`: the figures show the policy that feels its torso's tilt.) Without a
 training of your own it judges the one in `results/<sim>/`. Prints the table and writes it with
-evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Predict: the paper's policy needs
-half the baseline's time, and falls about twice as often. Does this one?
+evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Lines of trials.csv given back with
+--goals repeat those very trials: watch a fall. Predict: the paper's policy needs half the
+baseline's time, and falls about twice as often. Does this one? And what is search blind to?
 
-A planner has `reset(num_robots)` and `act(world, robots, measured)`, which returns actions [n, 6]
-in [0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. All meet the same
-goals, and at their k-th decision the same noise, so a difference between two rows is due to the
-planners; the intervals say how much these 500 goals could mislead about others. `baseline_tuned` is
-the baseline with limits made for this simulator (tests/studies/baseline.py).
+A planner has `reset(num_robots)` and `act(view, robots, measured)`, which returns actions [n, 6] in
+[0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. The view (stage 3) shows
+what else it may know. All meet the same goals, ground and bodies, and at their k-th decision the
+same noise, so a difference between two rows is due to the planners; the intervals say how much
+these 500 trials could mislead about others. `baseline` is configured as in the paper, all settings
+of `baseline_tuned` are optimised for this world (tests/studies/baseline.py), and so are the two of
+`search` (tests/studies/search.py).
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 
@@ -24,11 +30,13 @@ Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 """
 
 import csv
+import itertools
 import json
 import math
 import os
 import sys
-from dataclasses import dataclass
+import zipfile
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -39,6 +47,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
+walk_engine = import_module("02_walk_engine")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
 
@@ -61,7 +70,7 @@ class BaselineSettings:
     gain: float = 1.0  # [1/s] speed per distance
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
     far_m: float = 1.0  # [m] farther away it faces the goal's position
-    time_constant: float = 1.0  # [s] τ of the filter
+    time_constant: float = 1.0  # [s] τ of the filter; 0: none
 
 # ------------------------------------------------------------------------ the baseline
 def velocity_command(goal, settings):
@@ -82,7 +91,7 @@ def velocity_command(goal, settings):
 def low_pass(velocity, command, seconds, time_constant):
     """The filter τ·dv/dt = v_cmd − v after holding a command for some seconds, solved exactly."""
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
-    return velocity + (1 - math.exp(-seconds / time_constant)) * (command - velocity)
+    return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
 def velocity_to_footsteps(velocity, period):
     """v_x, v_y [m/s], ω [rad/s] of n robots [n, 3] as footsteps [n, 2, 3], outward positive.
@@ -108,15 +117,139 @@ class BaselinePlanner:
         self.settings = settings
 
     def reset(self, num_robots):
-        """All robots stand."""
-        self.velocity = np.zeros((num_robots, 3))  # filtered: v_x, v_y [m/s], ω [rad/s]
+        """Nothing has been commanded yet."""
+        self.velocity = np.full((num_robots, 3), np.nan)  # filtered: v_x, v_y [m/s], ω [rad/s]
 
-    def act(self, world, robots, measured):
+    def act(self, view, robots, measured):
         """Actions [n, 6] of these robots; clipped to the same step limits as the policy's."""
-        period, command = world.engine.period, velocity_command(measured, self.settings)
-        velocity = low_pass(self.velocity[robots], command, period, self.settings.time_constant)
+        command, last = velocity_command(measured, self.settings), self.velocity[robots]
+        last = np.where(np.isnan(last), command, last)  # the first command is not filtered
+        velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[robots] = velocity
-        return env.to_action(velocity_to_footsteps(velocity, period), world.limits)
+        return env.to_action(velocity_to_footsteps(velocity, view.period), view.limits)
+
+# ------------------------------------------------------------------------ search
+CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of poses
+HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
+FAR = 25.5  # [double steps] what the map says where the goal is out of reach
+
+def double_steps(limits, factor=1.0):
+    """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
+
+    8 lengths × 5 sideways × 7 turns, both feet alike, within the limits times a factor.
+    """
+    low, high = factor * np.array(limits.low), factor * np.array(limits.high)
+    x, y = np.linspace(low[0], high[0], 8), np.linspace(-high[1], high[1], 5)
+    turn = np.linspace(low[2], -low[2], 7)  # inward for one of the feet, which is the less
+    x, y, turn = np.stack(np.meshgrid(x, y, turn, indexing="ij"), -1).reshape(-1, 3).T
+    steps = np.zeros((len(x) + 1, 2, 3))
+    steps[1:, :, 0] = x[:, None]
+    steps[1:, 0, 1], steps[1:, 1, 1] = np.maximum(y, 0), np.maximum(-y, 0)  # the leading foot
+    steps[1:, :, 2] = turn[:, None] * walk_engine.MIRROR[:, 2]
+    return walk_engine.within(steps, limits)
+
+def displacements(sim, steps):
+    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
+
+    Measured once, with the model's own body and friction: the mean of the third to sixth of six in
+    a row. Also returns which of them stood, bool [A].
+    """
+    plans = np.repeat(steps[:, None], 6, 1)
+    poses, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans)
+    moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [A, 4, 3]
+    return moved.mean(1), fall == 6
+
+def steps_to_go(moves, task):
+    """How many double steps it takes to the goal, from every pose around it: dynamic programming.
+
+    moves [A, 3]: what a double step does. Returns V [TURNS, 2·HALF + 1, 2·HALF + 1] over the
+    robot's yaw, x and y as seen from the goal:
+
+        V = 0 at the goal,   V(pose) = 1 + min over moves of V(pose after the move)
+
+    repeated until nothing changes. Between the cells V is linear in x, y and yaw. It is the paper's
+    A* for all starts at once, as it begins at the goal.
+    """
+    axis = CELL * np.arange(-HALF, HALF + 1)
+    yaws = TURN * np.arange(TURNS)
+    near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-9
+    goal = near & (np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-9)[:, None, None]
+    value = np.where(goal, 0.0, FAR).astype(np.float32)
+    pad = math.ceil(np.abs(moves[:, :2]).max() * math.sqrt(2) / CELL) + 1  # cells beyond the map
+    while True:
+        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=FAR)
+        best = np.full_like(value, FAR)
+        for k, yaw in enumerate(yaws):
+            for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
+                # Seen from the goal, a move shifts all the poses of one yaw alike.
+                (i, j), (u, v) = np.divmod(move / CELL, 1)  # whole cells, and what is left
+                m, w = divmod(k + turn / TURN, 1)
+                x, y = (slice(int(c) + pad, int(c) + pad + 2 * HALF + 2) for c in (i, j))
+                part = ((1 - w) * border[int(m) % TURNS, x, y]
+                        + w * border[int(m + 1) % TURNS, x, y])
+                part = (1 - u) * part[:-1] + u * part[1:]
+                np.minimum(best[k], (1 - v) * part[:, :-1] + v * part[:, 1:], out=best[k])
+        better = np.where(goal, 0.0, np.minimum(best + 1, FAR)).astype(np.float32)
+        if np.abs(better - value).max() < 0.01:
+            return better
+        value = better
+
+def look_up(value, poses):
+    """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells."""
+    edge = CELL * HALF - 1e-6
+    x, y = (np.clip(poses[..., k], -edge, edge) / CELL + HALF for k in (0, 1))
+    i, j, k = (np.floor(c).astype(int) for c in (x, y, poses[..., 2] / TURN))
+    u, v, w = x - i, y - j, poses[..., 2] / TURN - k
+    total = 0.0
+    for a, b, c in np.ndindex(2, 2, 2):  # the eight corners of the cell
+        share = (u if a else 1 - u) * (v if b else 1 - v) * (w if c else 1 - w)
+        total = total + share * value[(k + c) % TURNS, i + a, j + b]
+    return total
+
+class SearchPlanner:
+    """Takes the double step after which the fewest are left. Of dynamics it knows nothing.
+
+    change: how far an action may be from the last one, largest of six differences [share of limits]
+    """
+
+    def __init__(self, steps, moves, value, limits, change):
+        self.moves, self.value, self.change = moves, value, change
+        self.actions = env.to_action(steps, limits)  # [A, 6]
+
+    def reset(self, num_robots):
+        """It remembers nothing."""
+
+    def act(self, view, robots, measured):
+        """Actions [n, 6] of these robots."""
+        pose = robot_model.relative(measured, np.zeros(3))  # of the robot, seen from the goal
+        left = look_up(self.value, robot_model.compose(pose[:, None], self.moves))  # [n, A]
+        change = np.abs(view.actions[:, :1] - self.actions).max(-1)  # [n, A]
+        # What was done last may always be done again; what differs too much costs a lot.
+        left = left + 100 * np.maximum(0, change - self.change)
+        return self.actions[left.argmin(1)]
+
+def save_search(path, sim, factor, change, table):
+    """(steps, moves, value) as a small file: V in twentieths of a double step."""
+    steps, moves, value = table
+    about = {"fits": plain_fits(sim), "factor": factor, "change": change}
+    parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
+    ppo.atomic_write(path, lambda temporary: np.savez_compressed(
+        open(temporary, "wb"), about=json.dumps(about), steps=steps, moves=moves, parts=parts))
+
+def load_search(path, sim):
+    """The SearchPlanner of a file and a plain description of it."""
+    try:
+        with np.load(path) as stored:
+            about = json.loads(str(stored["about"]))
+            value = np.cumsum(stored["parts"], axis=2) / 20
+            table = stored["steps"], stored["moves"], value.astype(np.float32)
+        mismatch = ppo.difference(about["fits"], plain_fits(sim))
+        planner = SearchPlanner(*table, walk_engine.LIMITS[sim], about["change"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"{path}: not written by tests/studies/search.py") from error
+    if mismatch:
+        raise StaleError(f"{path}: made for another robot, run tests/studies/search.py: {mismatch}")
+    return planner, {"file": path.as_posix(), "factor": about["factor"], "change": about["change"]}
 
 # ------------------------------------------------------------------------ the policy
 class PolicyPlanner:
@@ -128,9 +261,10 @@ class PolicyPlanner:
     def reset(self, num_robots):
         """It remembers nothing: the two previous actions are part of the observation."""
 
-    def act(self, world, robots, measured):
+    def act(self, view, robots, measured):
         """Actions [n, 6] of these robots."""
-        return self.model.decide(world.observe(robots, measured, self.imu))
+        seen = len(env.observation_table(self.imu))  # the rows of the IMU are the last ones
+        return self.model.decide(view.observation[:, :seen])
 
 def load_planner(path, sim):
     """The PolicyPlanner of a file and a plain description of it; PolicyError if it does not fit."""
@@ -145,30 +279,51 @@ def load_planner(path, sim):
     return PolicyPlanner(model, imu), {"file": Path(path).as_posix(), "imu": imu, **trained}
 
 # ------------------------------------------------------------------------ trials
-def evaluate(planner, world, goals, seed=0, noise=False, watch=None):
-    """Walk robot i to goals[i] [n, 3], all at the same time, until each trial has ended.
+@dataclass
+class Trials:
+    """Where n robots shall go, and what decides about their ground, body and noise."""
+    goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
+    seed: np.ndarray  # [n] of all trials
+    number: np.ndarray  # [n] of each one
+    friction: np.ndarray  # [n] μ of the ground; nan: as drawn
+    purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
 
-    Returns arrays [n]: outcome, time [s], steps, still_there. The seed is that of the noise.
-    watch(robots, result) is called after every double step until then.
+def draw_trials(seed, count, far=False, friction=np.nan, purpose="evaluation"):
+    """The trials 0, 1, …; a far trial is a near one with its goal twice as far."""
+    goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
+    settings = np.full(count, seed), np.arange(count), np.full(count, friction)
+    return Trials(goals, *settings, purpose)
+
+def evaluate(planner, world, trials, noise=False, watch=None):
+    """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
+
+    Returns arrays [n]: outcome, time [s], steps, still_there; by the paper's rule reached_once and
+    time_once [s]; and the friction μ. watch(robots, result) is called after every double step.
     """
-    everybody = np.arange(len(goals))
+    everybody = np.arange(len(trials.goals))
     world.noise = noise  # from now on
-    # One generator per goal: its noise depends neither on the planner nor on the other goals.
-    world.reset(everybody, [env.stream("evaluation", seed, i) for i in everybody], goals)
-    planner.reset(len(goals))
-    outcome, walking = np.full(len(goals), "running"), everybody  # walking [m]: not ended yet
+    # One generator per trial: what it draws depends neither on the planner nor on other trials.
+    rngs = [env.stream(trials.purpose, *key) for key in zip(trials.seed, trials.number)]
+    world.reset(everybody, rngs, trials.goals, trials.friction)
+    friction = world.friction[everybody]
+    planner.reset(len(everybody))
+    outcome, time, once = np.full(len(rngs), "running"), np.zeros(len(rngs)), np.zeros(len(rngs))
+    walking = everybody  # [m]: not ended yet
     while len(walking):
         measured = world.measure(walking)  # [m, 3] one measurement per decision
-        result = world.step(planner.act(world, walking, measured), walking)
+        result = world.step(planner.act(world.view(walking, measured), walking, measured), walking)
         for name in OUTCOMES:  # judged by the pose that physics made
-            ended = walking[result[name]]
-            outcome[ended] = name
+            outcome[walking[result[name]]] = name
+        time[walking] = result["time"]
+        first = walking[result["inside"] & (once[walking] == 0)]
+        once[first] = world.steps[first] * world.engine.period
         if watch:
             watch(walking, result)
         walking = walking[outcome[walking] == "running"]
     steps = world.steps[everybody]
-    return {"outcome": outcome, "time": steps * world.engine.period, "steps": steps,
-            "still_there": still_there(world, outcome == "success")}
+    return {"outcome": outcome, "time": time, "steps": steps,
+            "still_there": still_there(world, outcome == "success"),
+            "reached_once": once > 0, "time_once": once, "friction": friction}
 
 def still_there(world, reached):
     """Which successes [n] stand inside the tolerance after two more double steps in place, [n]."""
@@ -176,25 +331,25 @@ def still_there(world, reached):
     for _ in range(2):
         if len(robots):
             result = world.step(np.tile(world.neutral_action, (len(robots), 1)), robots)
-            inside[robots] = result["success"]  # what counts is the second time
+            inside[robots] = result["inside"]  # what counts is the second time
             robots = robots[~result["fall"]]  # who falls the first time stays outside
     return inside
 
-def record(planner, world, goals):
-    """Walk to each goal without noise and keep what physics did: a dict per goal, see below."""
-    seen, walks, ankle = [[] for _ in goals], [], 2  # of hip, knee, ankle, heel, toe
+def record(planner, world, trials):
+    """Walk without noise and keep what physics did: a dict per trial, see below."""
+    seen, walks, ankle = [[] for _ in trials.goals], [], 2  # of hip, knee, ankle, heel, toe
 
     def watch(robots, result):
         for i, torso, joints in zip(robots, result["motion"].torso, result["motion"].joints):
             seen[i].append((torso, joints))
 
-    trials = evaluate(planner, world, goals, watch=watch)
-    for i, goal in enumerate(goals):
+    ended = evaluate(planner, world, trials, watch=watch)
+    for i, goal in enumerate(trials.goals):
         torso, joints = (np.array(part) for part in zip(*seen[i]))  # [K, T, 6 and 12]
         # Feet at the last tick of every double step, [K, 2, 3] x, y, yaw; the others at every tick.
         points, yaw = robot_model.body_points(world.engine.robot, torso[:, -1], joints[:, -1])
         feet = np.concatenate([points[:, :, ankle, :2], yaw[..., None]], -1)
-        walks.append({"goal": goal, "outcome": trials["outcome"][i], "time": trials["time"][i],
+        walks.append({"goal": goal, "outcome": ended["outcome"][i], "time": ended["time"][i],
                       "feet": feet, "torso": np.concatenate(torso),
                       "joints": np.concatenate(joints)})
     return walks
@@ -223,93 +378,138 @@ def time_ratio(trials, reference, resamples=2000):
     ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
     return ours.mean() / theirs.mean(), np.percentile(ratios, [2.5, 97.5]), len(ours)
 
-def summary(planner, noise, trials, task):
-    """One row of the table; rates are shares of the episodes, times those of the successes."""
+def summary(planner, noise, std, trials, task):
+    """One row of the table; rates are shares of the episodes, times those of the successes.
+
+    std: of the goals' x and y [m], None for goals of one's own.
+    """
     n, reached = len(trials["time"]), trials["outcome"] == "success"
-    row = {"planner": planner, "noise": noise, "episodes": n}
+    row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": n}
     if noise:
         row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
     for name in OUTCOMES:
         count = int((trials["outcome"] == name).sum())
         row[name] = round(count / n, 4)
         row[f"{name}_ci95"] = [round(edge, 4) for edge in wilson(count, n)]
-    times, there = trials["time"][reached], trials["still_there"][reached]  # None: no success
-    row["time_mean"] = round(float(times.mean()), 3) if len(times) else None  # [s]
-    row["time_std"] = round(float(times.std()), 3) if len(times) else None
+    row["reached_once"] = round(float(trials["reached_once"].mean()), 4)
+    for name, who in (("time", reached), ("time_once", trials["reached_once"])):
+        times = trials[name][who]  # None: no success
+        row[f"{name}_mean"] = round(float(times.mean()), 3) if len(times) else None  # [s]
+        row[f"{name}_std"] = round(float(times.std()), 3) if len(times) else None
+    there = trials["still_there"][reached]
     row["still_there"] = round(float(there.mean()), 4) if len(there) else None  # of the successes
     return row
 
 def compare(results):
-    """Time ratios of every policy to every baseline; trials by (planner, noise)."""
+    """Time ratios of every pair of planners; trials by (planner, noise, std)."""
     ratios = []
-    for planner, noise in results:
-        for reference in ("baseline", "baseline_tuned"):
-            if not planner.startswith("policy") or (reference, noise) not in results:
-                continue
-            ratio, interval, goals = time_ratio(results[planner, noise], results[reference, noise])
+    for (planner, noise, std), (reference, *same) in itertools.permutations(results, 2):
+        if same == [noise, std]:
+            pair = results[planner, noise, std], results[reference, noise, std]
+            ratio, interval, goals = time_ratio(*pair)
             if goals:
                 ratios.append({"planner": planner, "reference": reference, "noise": noise,
-                               "goals": goals, "time_ratio": round(ratio, 4),
+                               "goal_std_m": std, "goals": goals, "time_ratio": round(ratio, 4),
                                "time_ratio_ci95": [round(edge, 4) for edge in interval]})
     return ratios
 
+def shown(mean, std):
+    """Seconds in a table; None: nobody got there."""
+    return "none" if mean is None else f"{mean:.2f} ± {std:.2f}"
+
+def markdown(cells):
+    """Rows of text as a table; the first one is its head."""
+    rows = [cells[0], ("---",) * len(cells[0]), *cells[1:]]
+    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
+
 def table(rows, ratios, paper=PAPER):
-    """The paper's Table II in Markdown: every row of ours, and the paper's own below it."""
-    cells = [("noise", "planner", "source", "success [95 % interval]", "timeout", "fall",
-              "success time [s]", "still there"), ("---",) * 8]
+    """Markdown: our rows, the same by the paper's rule beside the paper's own, and the ratios."""
+    ours = [("goals σ", "noise", "planner", "success [95 % interval]", "timeout", "fall",
+             "success time [s]", "still there")]
+    once = [("noise", "planner", "source", "reached once", "timeout", "fall", "time [s]")]
     for row in rows:
         success = "{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"])
-        reached = row["time_mean"] is not None
-        cells.append(("yes" if row["noise"] else "no", row["planner"], "ours", success,
-                      f"{row['timeout']:.3f}", f"{row['fall']:.3f}",
-                      f"{row['time_mean']:.2f} ± {row['time_std']:.2f}" if reached else "none",
-                      f"{row['still_there']:.3f}" if reached else "none"))
-        if (row["planner"], row["noise"]) in paper:
-            *rates, mean, std = paper[row["planner"], row["noise"]]
-            rates = [f"{rate:.3f}" for rate in rates]
-            cells.append(("", "", "paper", *rates, f"{mean:.2f} ± {std:.2f}", ""))
-    lines = ["| " + " | ".join(line) + " |" for line in cells]
-    if ratios:
-        lines += ["", "Mean success time relative to another planner, over goals both reached:", ""]
-    for r in ratios:
-        ratio = "{:.3f} [{:.3f}, {:.3f}]".format(r["time_ratio"], *r["time_ratio_ci95"])
-        lines.append(f"- {r['planner']} / {r['reference']}, {'with' if r['noise'] else 'without'} "
-                     f"noise: {ratio}, {r['goals']} goals")
-    return "\n".join(lines) + "\n"
+        std, noise = row["goal_std_m"], "yes" if row["noise"] else "no"
+        there = row["still_there"]
+        ours.append((f"{std} m" if std else "own", noise, row["planner"], success,
+                     f"{row['timeout']:.3f}", f"{row['fall']:.3f}",
+                     shown(row["time_mean"], row["time_std"]),
+                     "none" if there is None else f"{there:.3f}"))
+        if std == env.Task().goal_std_m and (row["planner"], row["noise"]) in paper:
+            once.append((noise, row["planner"], "ours", f"{row['reached_once']:.3f}", "", "",
+                         shown(row["time_once_mean"], row["time_once_std"])))
+            *rates, mean, deviation = paper[row["planner"], row["noise"]]
+            once.append(("", "", "paper", *(f"{rate:.3f}" for rate in rates),
+                         shown(mean, deviation)))
+    text = markdown(ours)
+    if len(once) > 1:
+        text += "\nBy the paper's rule, at the goal at the end of one double step:\n\n"
+        text += markdown(once)
+    lines = [f"- {r['planner']} / {r['reference']}, σ = {r['goal_std_m']} m, "
+             f"{'with' if r['noise'] else 'without'} noise: {r['time_ratio']:.3f} "
+             "[{:.3f}, {:.3f}]".format(*r["time_ratio_ci95"]) + f", {r['goals']} goals"
+             for r in ratios if r["planner"].startswith("policy")]
+    if lines:
+        text += "\nMean success time relative to another planner, over goals both reached:\n\n"
+        text += "\n".join(lines) + "\n"
+    return text
 
 # ------------------------------------------------------------------------ files
 class InputError(ValueError):
     """Something given by the user cannot be used; the message is one line that says why."""
 
-def read_goals(path):
-    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad]; further columns are ignored."""
-    goals, line = [], 1
+class StaleError(InputError):
+    """A file was made for another robot, walk or task."""
+
+def plain_fits(sim):
+    """The fingerprint of stage 3 as JSON gives it back, with lists for tuples."""
+    return json.loads(json.dumps(env.fingerprint(sim)))
+
+def read_trials(path, seed, friction):
+    """The Trials of a CSV file with columns x, y [m], yaw [rad].
+
+    Columns seed, trial and mu (μ), as in trials.csv, make them those very trials, each once;
+    without them, line by line, they are trials of this seed and friction.
+    """
+    trials, line = {}, 1
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
             for row in reader:
-                goal = row["x"], row["y"], row["yaw"]  # a KeyError here is the fault of line 1
                 line = reader.line_num
-                goals.append([float(text) for text in goal])
-                if None in row or None in row.values() or not np.isfinite(goals[-1]).all():
+                numbers = [row["x"], row["y"], row["yaw"], row.get("seed", seed),
+                           row.get("trial", len(trials)),
+                           row.get("mu", friction) if np.isnan(friction) else friction]
+                numbers = tuple(float(number) for number in numbers)
+                whole = [number >= 0 and number.is_integer() for number in numbers[3:5]]
+                if None in row or not np.isfinite(numbers[:5]).all() or not all(whole):
                     raise ValueError("a number is not finite, or too many or too few values")
-        if not goals:
+                if "mu" in row and not 0 <= numbers[5] < 100:
+                    raise ValueError("mu is not a friction")
+                trials[str(numbers)] = numbers
+        if not trials:
             raise ValueError("there is none")
     except (OSError, UnicodeDecodeError, ValueError, TypeError, KeyError, csv.Error) as error:
         reason = f"needs columns x, y, yaw and finite numbers below them ({error})"
         raise InputError(f"{path}, line {line}: {reason}") from error
-    goals = np.array(goals)
-    goals[:, 2] = env.wrap(goals[:, 2])
-    return goals
+    x, y, yaw, seeds, trial, mu = np.array(list(trials.values())).T
+    goals = np.stack([x, y, env.wrap(yaw)], -1)
+    return Trials(goals, seeds.astype(int), trial.astype(int), mu)
 
-def read_settings(path):
-    """The BaselineSettings of a file: all eight, finite."""
+def read_settings(path, sim):
+    """The BaselineSettings of a file: all eight, finite, made for this robot."""
     try:
-        stored = json.loads(path.read_text(encoding="utf-8"))["settings"]
-        return BaselineSettings(**dict(zip(stored, env.checked("", list(stored.values()), 8))))
+        stored = json.loads(path.read_text(encoding="utf-8"))
+        values = env.checked("", list(stored["settings"].values()), 8)
+        settings = BaselineSettings(**dict(zip(stored["settings"], values)))
+        mismatch = ppo.difference(stored.get("fits", {}), plain_fits(sim))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not written by tests/studies/baseline.py") from error
+    if mismatch:
+        raise StaleError(f"{path}: tuned for another robot, see tests/studies/baseline.py: "
+                         f"{mismatch}")
+    return settings
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system; the old file or the new one, never half of one."""
@@ -319,14 +519,18 @@ def write_json(path, content):
     """Readable by a human, too; NaN would not be JSON."""
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
-def write_trials(path, goals, results):
-    """One line per trial. Its columns x, y, yaw suit --goals; noise belongs to a line's number."""
-    lines = ["planner,noise,trial,x,y,yaw,outcome,time,steps,still_there"]
-    for (planner, noise), trials in results.items():
-        for i, (x, y, yaw) in enumerate(goals.tolist()):
-            end, time, steps, there = (column[i] for column in trials.values())
-            lines.append(f"{planner},{'yes' if noise else 'no'},{i},{x},{y},{yaw},{end},"
-                         f"{time:.2f},{steps},{'yes' if there else 'no'}")
+def write_trials(path, blocks, results):
+    """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
+    lines = ["planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
+             "reached_once,time_once"]
+    for (planner, noise, std), trials in results.items():
+        asked, words = blocks[std], ("no", "yes")
+        for i, (x, y, yaw) in enumerate(asked.goals.tolist()):
+            at = {name: column[i] for name, column in trials.items()}
+            lines.append(f"{planner},{words[noise]},{std or ''},{asked.seed[i]},{asked.number[i]},"
+                         f"{x},{y},{yaw},{at['friction']},{at['outcome']},{at['time']:.2f},"
+                         f"{at['steps']},{words[int(at['still_there'])]},"
+                         f"{words[int(at['reached_once'])]},{at['time_once']:.2f}")
     write_text(path, "\n".join(lines) + "\n")
 
 # ------------------------------------------------------------------------ pictures
@@ -431,34 +635,53 @@ def choose_planners(sim, chosen=None, imu=False):
         about.setdefault(name, facts)
     except ppo.PolicyError as error:
         print(f"left out: {error}", file=sys.stderr)
-    planners["baseline"], path = BaselinePlanner(), find(sim, "baseline_tuned.json")
-    if path:
-        planners["baseline_tuned"] = BaselinePlanner(read_settings(path))
-        about["baseline_tuned"] = {"file": path.as_posix()}
+    planners["baseline"] = BaselinePlanner()
+    for name, file in (("baseline_tuned", "baseline_tuned.json"), ("search", "search.npz")):
+        path = find(sim, file)
+        try:
+            if path and name == "search":
+                planners[name], about[name] = load_search(path, sim)
+            elif path:
+                planners[name] = BaselinePlanner(read_settings(path, sim))
+                about[name] = {"file": path.as_posix()}
+        except StaleError as error:
+            print(f"left out: {error}", file=sys.stderr)
     return planners, about
 
-def run(world, goals, planners, about, args, out):
-    """Every planner, with --noise once more; then the files."""
+def run(world, blocks, planners, about, args, out):
+    """Every planner in every block of Trials, with --noise once more; then the files."""
     print(*(f"{name}: {facts}" for name, facts in about.items()), sep="\n")
     results = {}
-    jobs = [(name, noise) for noise in (False, True)[: 1 + args.noise] for name in planners]
-    for name, noise in (bar := tqdm(jobs, unit=" rows", dynamic_ncols=True)):
+    noises = (False, True)[: 1 + args.noise]
+    jobs = list(itertools.product(planners, noises, blocks))
+    for job in (bar := tqdm(sorted(jobs, key=lambda j: (j[2] or 0, j[1])), unit=" rows",
+                            dynamic_ncols=True)):
+        name, noise, std = job
         bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
-        results[name, noise] = evaluate(planners[name], world, goals, args.seed, noise)
-    rows = [summary(name, noise, trials, world.task) for (name, noise), trials in results.items()]
+        results[job] = evaluate(planners[name], world, blocks[std], noise)
+    rows = [summary(*job, trials, world.task) for job, trials in results.items()]
     ratios, first = compare(results), next(iter(planners))
-    text = table(rows, ratios, {} if args.goals else PAPER)
+    text = table(rows, ratios)
     print("\n" + text)  # first of all: writing may fail
     write_json(out / "evaluation.json", {
         "sim": args.sim, "policy": about[first], "planners": about, "seed": args.seed,
-        "goals": args.goals or "drawn", "rows": rows, "ratios": ratios})
-    write_trials(out / "trials.csv", goals, results)
+        "goals": args.goals or "drawn",
+        "friction": "drawn" if np.isnan(args.friction) else args.friction,
+        "rows": rows, "ratios": ratios})
+    write_trials(out / "trials.csv", blocks, results)
     write_text(out / "table.md", text)
-    walks = {name: record(planners[name], world, FIGURE_GOALS) for name in ("baseline", first)}
+    shown = replace(draw_trials(args.seed, len(FIGURE_GOALS)), goals=FIGURE_GOALS)
+    walks = {name: record(planners[name], world, shown) for name in ("baseline", first)}
     plot_footsteps(walks, out / "footsteps.png")
     if args.gif:  # half a minute
         plot_animation(walks[first][0], out / "animation.gif", world.engine.robot)
     print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
+
+def friction(text):
+    """A friction coefficient of the command line."""
+    if not 0 <= float(text) < 100:  # nan is neither
+        raise ValueError(text)
+    return float(text)
 
 def main(argv=None):
     parser = robot_model.StageParser(__doc__, Path(__file__).name)
@@ -467,21 +690,32 @@ def main(argv=None):
     which.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1), default=500,
                        help="goals (default 500)")
     which.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
+    parser.add_argument("--far", action="store_true", help="a second block: goals twice as far")
+    parser.add_argument("--friction", type=friction, metavar="MU", default=np.nan,
+                        help="of the ground, for all; else drawn")
     parser.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
     parser.add_argument("--imu", action="store_true", help="show the policy with IMU in figures")
     parser.add_argument("--gif", action="store_true", help="also draw animation.gif")
     args = parser.parse(argv)
     if args.imu and args.policy:
         parser.error("--imu chooses a policy by itself, leave out --policy")
-    world = None
+    if args.far and args.goals:
+        parser.error("--far draws goals, --goals brings its own: leave out one of them")
+    world, task = None, env.Task()
     torch.set_num_threads(1)  # a policy this small is slower on several threads
     try:
-        goals = env.draw_goals(env.stream("evaluation", args.seed), args.episodes)  # [n, 3]
-        goals = read_goals(args.goals) if args.goals else goals
+        if args.goals:
+            blocks = {None: read_trials(args.goals, args.seed, args.friction)}
+        else:  # by the spread of the goals
+            settings = args.seed, args.episodes
+            blocks = {task.goal_std_m: draw_trials(*settings, False, args.friction)}
+            if args.far:
+                blocks[task.far_std_m] = draw_trials(*settings, True, args.friction)
+        count = max(len(trials.goals) for trials in blocks.values())
         planners, about = choose_planners(args.sim, args.policy, args.imu)
         out = parser.folder(args)
-        world = env.FootstepWorld(max(len(goals), len(FIGURE_GOALS)), args.sim)
-        run(world, goals, planners, about, args, out)
+        world = env.FootstepWorld(max(count, len(FIGURE_GOALS)), args.sim)
+        run(world, blocks, planners, about, args, out)
     except (InputError, ppo.PolicyError, OSError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
