@@ -57,9 +57,9 @@ class StepLimits:
 
 TUNED = {  # by `--tune` and `--tune --mujoco`, seed 0, 2026-11-21
     "pymunk": WalkParameters(
-        frequency=1.8034, double_support=0.116, foot_rise=0.0285, trunk_height=0.3792,
-        trunk_phase=0.0705, trunk_pitch=0.0756, trunk_swing=0.0, trunk_x_offset=0.0051,
-        pitch_per_step=-0.0138, pitch_per_turn=0.1447),
+        frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
+        trunk_phase=0.0353, trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024,
+        pitch_per_step=-0.0122, pitch_per_turn=0.1092),
     "mujoco": WalkParameters(
         frequency=1.6014, double_support=0.0855, foot_distance=0.1683, foot_rise=0.0312,
         trunk_height=0.3802, trunk_phase=-0.0469, trunk_pitch=0.0695, trunk_swing=0.2186,

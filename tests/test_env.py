@@ -1,7 +1,9 @@
 """Stage 3, checked against the task: spaces, encoding, reward formulas by hand and along real
-walks, episodes and their ends, seeds and noise, N robots together against N robots alone, and what
-is refused at the door. A failing test names the likely mistake."""
+walks, episodes and their ends, arrival, seeds and noise, ground and body, what a planner may know,
+N robots together against N robots alone, and what is refused at the door. A failing test names the
+likely mistake."""
 
+import itertools
 import math
 import re
 import warnings
@@ -38,6 +40,11 @@ def motion(poses, fell):
     torso = np.zeros((n, 1, 6))
     torso[:, 0, [0, 1, 5]], torso[:, 0, 2] = poses, 0.38
     return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell))
+
+def wrap3(poses):
+    """Differences of poses [..., 3] with their angle wrapped, [n, 3]."""
+    poses = np.array(poses).reshape(-1, 3)
+    return np.c_[poses[:, :2], robot_model.wrap(poses[:, 2])]
 
 def seen_from(pose, goal):
     """A goal seen from a robot, both (x, y, yaw), by turning in the complex plane: x, y, α."""
@@ -88,15 +95,15 @@ def test_gymnasium_can_make_a_vector_of_single_robots(make, sim, mode):
 @BOTH
 @pytest.mark.parametrize("noise", [False, True], ids=["exact", "noise"])
 def test_robots_together_equal_robots_alone(make, sim, noise):
-    n, seed, rng = 3, 11, np.random.default_rng(0)
+    n, seed, rng, task = 3, 11, np.random.default_rng(0), replace(TASK, time_limit=8.0)
     cores = 2 if noise else 1  # several processes or threads must make no difference, either
-    together = make(env.FootstepVectorEnv, n, sim, noise, imu=noise, cores=cores)
-    alone = [make(env.FootstepEnv, sim, noise, imu=noise) for _ in range(n)]
+    together = make(env.FootstepVectorEnv, n, sim, noise, imu=noise, cores=cores, task=task)
+    alone = [make(env.FootstepEnv, sim, noise, imu=noise, task=task) for _ in range(n)]
     got, _ = together.reset(seed=seed)
     want = [one.reset(seed=seed + i)[0] for i, one in enumerate(alone)]
     np.testing.assert_array_equal(got, want, err_msg="robot i has the seed s + i")
-    ends = 0
-    for _ in range(25):
+    ends = {"fall": 0, "timeout": 0}
+    for _ in range(30):
         actions = rng.integers(0, 2, (n, 6)).astype(np.float32)  # only extremes: they fall
         got, rewards, terminated, truncated, infos = together.step(actions)
         for i, one in enumerate(alone):
@@ -105,15 +112,17 @@ def test_robots_together_equal_robots_alone(make, sim, noise):
             for name, value in info["reward_terms"].items():
                 assert infos["reward_terms"][name][i] == value
             if done or cut:
-                ends += 1
                 np.testing.assert_array_equal(infos["final_obs"][i], last)
-                assert infos["final_info"]["fall"][i] == info["fall"]
-                assert infos["final_info"]["time"][i] == info["time"]
+                for name in ("success", "fall", "timeout", "time"):
+                    assert infos["final_info"][name][i] == info[name]
+                for name in ends:
+                    ends[name] += info[name]
                 last, _ = one.reset()  # no seed: its generator goes on
             np.testing.assert_array_equal(got[i], last, err_msg=(
-                "after an automatic reset: is the next goal drawn from the robot's own generator, "
-                "and is the noise drawn equally often?"))
-    assert ends >= 3, "random actions should make the robots fall: the resets were not tested"
+                "after an automatic reset: are the next goal, ground and body drawn from the "
+                "robot's own generator, and is the noise drawn equally often?"))
+    assert min(ends.values()) >= 1 and sum(ends.values()) >= 3, (
+        f"random actions should make the robots fall: the resets were not tested, {ends}")
 
 @BOTH
 def test_some_robots_walk_while_the_others_wait(make, sim):
@@ -142,9 +151,11 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
     envs.reset(seed=3, options={"goals": goals})
     poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
-    fell = [False, False, True]
+    fell = [False, False, False]
     monkeypatch.setattr(envs.world.sim, "run", lambda *_: motion(poses, fell))
     action = np.full((3, 6), 0.3)
+    assert "final_obs" not in envs.step(action)[4], "once at the goal is not yet arrived"
+    fell[2] = True
     obs, _, terminated, truncated, infos = envs.step(action)
     np.testing.assert_array_equal(terminated, [True, False, True])
     np.testing.assert_array_equal(truncated, False)
@@ -152,7 +163,7 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     np.testing.assert_array_equal(infos["_final_info"], [True, False, True])
     np.testing.assert_array_equal(infos["final_info"]["success"], [True, False, False])
     np.testing.assert_array_equal(infos["final_info"]["fall"], fell)
-    np.testing.assert_allclose(infos["final_info"]["time"], envs.world.engine.period)
+    np.testing.assert_allclose(infos["final_info"]["time"] / envs.world.engine.period, [1, 2, 2])
     old = env.encode_goal(np.array([seen_from(p, g) for p, g in zip(poses, goals)]))
     for i in (0, 2):
         np.testing.assert_allclose(infos["final_obs"][i, :8], old[i], atol=1e-6, err_msg=(
@@ -162,8 +173,8 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
         assert not np.allclose(obs[i, :8], old[i]), "a new goal is expected"
         assert envs.world.steps[i] == 0
     np.testing.assert_allclose(obs[1, :8], old[1], atol=1e-6)
-    np.testing.assert_allclose(obs[1, 8:14], 2 * 0.3 - 1, atol=1e-6, err_msg="the last action")
-    assert envs.world.steps[1] == 1
+    np.testing.assert_allclose(obs[1, 8:], 2 * 0.3 - 1, atol=1e-6, err_msg="the last actions")
+    assert envs.world.steps[1] == 2
     fell[2] = False
     poses[:] = 0
     assert "final_obs" not in envs.step(action)[4], "only when an episode ended"
@@ -229,25 +240,51 @@ def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
     np.testing.assert_allclose(more[:, 20:], tilt, atol=1e-5, err_msg=(
         "the tilt at the LAST control tick of the double step, of the same robot"))
 
+def load(footstep, limits):
+    """Sum of the shares of x, y and yaw of one footstep (x, y, yaw)."""
+    return sum(v / high if v > 0 else v / low
+               for v, low, high in zip(footstep, limits.low, limits.high))
+
 @BOTH
 def test_actions_and_footsteps_are_inverse(sim):
     limits, rng = walk_engine.LIMITS[sim], np.random.default_rng(2)
-    action = rng.random((20, 6))
-    footsteps = env.to_footsteps(action, limits)
-    assert footsteps.shape == (20, 2, 3)
-    np.testing.assert_allclose(env.to_action(footsteps, limits), action, atol=1e-12)
-    for end, want in ((0.0, limits.low), (1.0, limits.high)):
-        np.testing.assert_allclose(env.to_footsteps(np.full(6, end), limits), [want, want])
-    single = np.array([1.0, 0, 0, 0, 0, 1])  # left x and right yaw at their upper limits
-    np.testing.assert_allclose(env.to_footsteps(single, limits), [
-        [limits.high[0], *limits.low[1:]], [*limits.low[:2], limits.high[2]]], err_msg=(
-        "the first three numbers are the left foot's x, y, yaw, the others the right foot's"))
-    assert env.to_action(np.full((2, 3), 9.0), limits).max() == 1.0, "clipped to [0, 1]"
-    assert env.to_action(np.full((2, 3), -9.0), limits).min() == 0.0, "clipped to [0, 1]"
+    drawn = rng.uniform(limits.low, limits.high, (2000, 2, 3))
+    allowed = np.array([f for f in drawn if max(load(foot, limits) for foot in f) <= limits.load])
+    assert 100 < len(allowed) < 1900, "the test should see both kinds"
+    action = env.to_action(allowed, limits)
+    assert action.shape == (len(allowed), 6) and action.min() >= 0 and action.max() <= 1
+    np.testing.assert_allclose(env.to_footsteps(action, limits), allowed, atol=1e-12, err_msg=(
+        "what is allowed is walked as asked for"))
+    some = action[:6].reshape(2, 3, 6)
+    assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"
     neutral = env.to_action(np.zeros((2, 3)), limits)
     assert ((neutral > 0) & (neutral < 1)).all()
     np.testing.assert_allclose(env.to_footsteps(neutral, limits), 0, atol=1e-12, err_msg=(
         "the neutral action steps on the spot; the middle, 0.5, does not"))
+    for k, (end, bounds) in itertools.product(range(6), enumerate((limits.low, limits.high))):
+        single, want = neutral.copy(), np.zeros(6)
+        single[k], want[k] = end, bounds[k % 3]
+        np.testing.assert_allclose(env.to_footsteps(single, limits).ravel(), want, atol=1e-12,
+                                   err_msg=("0 is the lower limit and 1 the upper; first the left "
+                                            "foot's x, y, yaw, then the right foot's"))
+    assert env.to_action(np.full((2, 3), 9.0), limits).max() == 1.0, "clipped to [0, 1]"
+    assert env.to_action(np.full((2, 3), -9.0), limits).min() == 0.0, "clipped to [0, 1]"
+
+@BOTH
+def test_a_footstep_that_asks_for_too_much_is_made_smaller_and_not_turned(sim):
+    limits = walk_engine.LIMITS[sim]
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=6)))
+    actions = np.concatenate([corners, np.random.default_rng(3).random((400, 6))])
+    loads = []
+    for action, footsteps in zip(actions, env.to_footsteps(actions, limits), strict=True):
+        for share, footstep in zip(action.reshape(2, 3), footsteps):
+            asked = [lo + s * (hi - lo) for s, lo, hi in zip(share, limits.low, limits.high)]
+            loads.append(load(asked, limits))
+            shrink = min(1, limits.load / loads[-1])  # of all three: it goes the same way
+            np.testing.assert_allclose(footstep, np.multiply(asked, shrink), atol=1e-12, err_msg=(
+                f"asked for {np.round(asked, 2)}, a load of {loads[-1]:.2f}; each foot by itself"))
+            assert load(footstep, limits) <= limits.load + 1e-9
+    assert min(loads) < limits.load < max(loads), "the test should see both kinds"
 
 def test_the_last_two_actions_are_observed(make):
     one = make(env.FootstepEnv)
@@ -442,7 +479,7 @@ def test_reward_formulas_by_hand():
     assert got["r_d"] == pytest.approx(2 - math.sqrt(2)), "progress: d before − d after"
     assert got["r_a"] == pytest.approx(0.3 * (0 * near0 - 0.5 * near1), abs=1e-12)
     assert got["r_o"] == pytest.approx(0.1 * -(math.pi / 4) * (1 - near1)), "turned away: negative"
-    assert got["r_time"] == -0.01 and got["r_fall"] == 0 and got["r_goal"] == 0
+    assert got["r_time"] == -0.02 and got["r_fall"] == 0 and got["r_goal"] == 0
     # Close: at 0.4 m, near = 1/e; turning from α = −1 to −0.2 counts, the direction less.
     got = terms((0.4, 0, -1.0), (0.4, 0, -0.2))
     assert got["r_d"] == 0 and got["r_o"] == 0
@@ -583,7 +620,8 @@ def test_returns_rank_what_we_want(sim, goal):
     period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
     patience = int(TASK.time_limit / period)  # double steps until the time-out
     assert pytest.approx(0.98) == GAMMA
-    walked = discounted(straight_walk(goal), success=True)
+    way = straight_walk(goal)
+    walked = discounted(way + way[-1:], success=True)  # arrived: it stays for a double step
     stood = discounted([np.array(goal, float)], patience)
     fell = discounted([np.array(goal, float)] * 2, fall=True)
     loitered = discounted(straight_walk(goal, stop=0.06), patience)
@@ -645,12 +683,224 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make):
     assert abs(correlation) < 0.06, "noise is drawn anew at every measurement"
     np.testing.assert_allclose(world.relative_goal([0]), goals[:1], atol=1e-12)
 
+def test_imu_noise_has_the_size_of_the_task_and_off_means_exact(make):
+    exact, noisy = (make(env.FootstepWorld, 1, noise=noise) for noise in (False, True))
+    for world in (exact, noisy):
+        world.reset([0], [env.stream("training", 0)], [[1.0, 0, 0]])
+    true, goal = exact.tilt[0].copy(), np.array([[1.0, 0, 0]])
+    scale = np.array([4, 4, 1, 1, 1])  # quarters of a radian; rad/s
+    np.testing.assert_allclose(exact.observe([0], goal, imu=True)[0, 20:], true * scale, atol=1e-6)
+    seen = np.array([noisy.observe([0], goal, imu=True)[0, 20:] for _ in range(4000)]) / scale
+    np.testing.assert_allclose(seen.std(0), [0.02, 0.02, 0.1, 0.1, 0.1], rtol=0.06)
+    np.testing.assert_allclose((seen.mean(0) - true) / seen.std(0), 0, atol=0.07)
+    together = np.corrcoef(np.c_[seen[:-1], seen[1:]].T) - np.eye(10)
+    assert np.abs(together).max() < 0.08, "every number has noise of its own, anew at every look"
+    np.testing.assert_array_equal(noisy.tilt[0], true, err_msg="the true tilt stays true")
+
+@BOTH
+def test_imu_feels_the_turning_about_the_axes_of_the_torso(make, sim):
+    world, robots = make(env.FootstepWorld, 4, sim, cores=1), np.arange(4)
+    world.reset(robots, [env.stream("training", 5, i) for i in robots])
+    footsteps = np.array([[0.06, 0.02, 0.25], [0.06, 0, -0.25]])  # a left turn
+    action = np.tile(env.to_action(footsteps, world.limits), (4, 1))
+    felt, true = [], []
+    for _ in range(6):
+        torso = world.step(action, robots)["motion"].torso
+        felt.append(world.observe(robots, world.measure(robots), imu=True)[:, 22:])
+        before, after = (robot_model.rotation(*torso[:, t, 3:].T) for t in (-2, -1))
+        turn = before.swapaxes(1, 2) @ after  # [4, 3, 3] in the last control tick, from the torso
+        twice = turn - turn.swapaxes(1, 2)  # small angles: 2·[ω·dt]×
+        true.append(twice[:, [2, 0, 1], [1, 2, 0]] / 2 / world.engine.robot.control_dt)
+    assert np.abs(torso[:, -1, 5]).min() > 2, "the axes of torso and world should differ"
+    felt, true = np.array(felt)[2:], np.array(true)[2:]
+    size, error = (np.sqrt((v**2).mean((0, 1))) for v in (true, felt - true))
+    assert (error < 0.4 * size).all(), (
+        f"about x, y, z it turns with {size.round(2)}, the IMU is off by {error.round(2)} rad/s. "
+        "Once and more: it is about the axes of the world; twice: a wrong sign")
+
 def test_a_goal_can_be_given(make):
     one = make(env.FootstepEnv)
     obs, _ = one.reset(seed=0, options={"goal": (0.3, 0.0, math.pi / 2)})
     np.testing.assert_allclose(obs[:8], [0.3, 0.6, 0, 1, 0, 0, 1, 0.5], atol=1e-6)
 
+def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
+    world = make(env.FootstepWorld, 1)
+    monkeypatch.setattr(world.sim, "reset", lambda *_: None)  # only goals are wanted
+    world.rng[0], goals = env.stream("training", 0), []
+    for _ in range(3000):
+        world.reset([0])
+        goals.append(world.goal[0].copy())
+    d = np.hypot(*np.array(goals)[:, :2].T)
+    for radius in (0.3, 0.6, 1.0, 1.5, 2.0):
+        # x, y ~ N(0, σ) lie within r with 1 − exp(−r² / 2σ²); half have σ = 0.5 m, half 1 m
+        want = np.mean([1 - math.exp(-((radius / std) ** 2) / 2) for std in (0.5, 1.0)])
+        assert np.mean(d < radius) == pytest.approx(want, abs=0.03), (
+            f"share of the goals within {radius} m. All with one spread, or not half and half?")
+    near, far = (env.draw_goals(env.stream("tuning", 0), 9, far=far) for far in (False, True))
+    np.testing.assert_allclose(far, near * [2, 2, 1], err_msg="farther, and turned alike")
+
+# ------------------------------------------------------------------------ ground and body
+def spied(world):
+    """The world, and a list of the Body of every reset to come."""
+    bodies, reset = [], world.sim.reset
+
+    def told(robots, body):
+        bodies.append(body)
+        reset(robots, body)
+
+    world.sim.reset = told
+    return world, bodies
+
+def assert_same_body(one, other, but=()):
+    for name in vars(one).keys() - set(but):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+
+def test_whatever_is_done_goals_ground_body_and_noise_stay_the_same(make):
+    robots, told = np.arange(2), []
+    for hands, looks in ((0, 0), (1, 0), (1, 3)):  # still or wild, and how often the IMU is read
+        world, bodies = spied(make(env.FootstepWorld, 2, noise=True, cores=1))
+        noise, wild = [], np.random.default_rng(0)
+        for episode in range(2):
+            rngs = [env.stream("training", 7, i) for i in robots] if not episode else ()
+            world.reset(robots, rngs)
+            goal = world.goal.copy()
+            for _ in range(2 if not hands else 3):  # episodes of different lengths, too
+                measured = world.measure(robots)
+                noise.append(measured - world.relative_goal(robots))
+                for _ in range(looks):
+                    world.view(robots, measured)
+                still = np.tile(world.neutral_action, (2, 1))
+                world.step(wild.random((2, 6)) if hands else still, robots)
+            told.append((goal, bodies[-1], noise[-3 if hands else -2:][:2]))
+    for k, (goal, body, noise) in enumerate(told[2:], 2):
+        first = told[k % 2]  # of the same episode
+        np.testing.assert_array_equal(goal, first[0], err_msg=f"goals of episode {k % 2}")
+        assert_same_body(body, first[1])
+        np.testing.assert_allclose(wrap3(noise), wrap3(first[2]), atol=1e-12, err_msg=(
+            "noise of the measured goal: the n-th measurement of an episode is always off by the "
+            "same; does noise share a generator with actions, with the IMU, or between episodes?"))
+    for name in ("friction", "mass", "stiffness", "stiction"):
+        one, other = getattr(told[0][1], name), getattr(told[1][1], name)
+        assert not np.isclose(one, other).any(), f"{name}: another episode, another draw"
+        assert not np.isclose(one[0], one[1]).any(), f"{name}: another robot, another draw"
+
+def test_goals_and_noise_do_not_depend_on_how_the_world_is_drawn(make):
+    class Greedy(robot_model.Spread):
+        def draw(self, rngs, robot):
+            for rng in rngs:
+                rng.random(99)
+            return super().draw(rngs, robot)
+
+    told = []
+    for spread in (robot_model.Spread(), robot_model.Spread(0, 0, 0, 0, 0), Greedy()):
+        world = make(env.FootstepWorld, 1, noise=True, spread=spread)
+        world.reset([0], [env.stream("training", 3)])
+        told.append(np.concatenate([world.goal, world.measure([0])]))
+    for other in told[1:]:
+        np.testing.assert_array_equal(told[0], other, err_msg="each has a generator of its own")
+
+@BOTH
+def test_a_given_friction_replaces_the_drawn_one_and_nothing_else(make, sim):
+    robots, told = np.arange(3), []
+    for friction in (math.nan, 0.05, [math.nan, 0.05, math.nan]):
+        world, bodies = spied(make(env.FootstepWorld, 3, sim, noise=True, cores=1))
+        world.reset(robots, [env.stream("training", 2, i) for i in robots], friction=friction)
+        np.testing.assert_array_equal(world.friction, bodies[0].friction)
+        told.append((bodies[0], world.goal.copy(), world.measure(robots)))
+    (drawn, *seen), *others = told
+    for (body, *same), want in zip(others, (np.full(3, 0.05), drawn.friction * [1, 0, 1]
+                                            + [0, 0.05, 0])):
+        np.testing.assert_array_equal(body.friction, want, err_msg="nan: as drawn")
+        assert_same_body(body, drawn, but=("friction",))
+        np.testing.assert_array_equal(same, seen)
+
+@BOTH
+def test_on_ice_the_robot_gets_less_far(make, sim):
+    world, robots = make(env.FootstepWorld, 2, sim, cores=1), np.arange(2)
+    goals = [[9, 0, 0]] * 2  # the same robot twice, on two grounds
+    world.reset(robots, [env.stream("training", 0) for _ in robots], goals, friction=[0.01, 0.7])
+    action = np.tile(env.to_action(np.array([[0.06, 0, 0]] * 2), world.limits), (2, 1))
+    for _ in range(4):
+        world.step(action, robots)
+    ice, rough = world.pose[:, 0]
+    assert rough > 0.35 and ice < 0.9 * rough, (
+        f"{ice:.2f} m on ice, {rough:.2f} m on rough ground: does μ reach the simulator?")
+
+# ------------------------------------------------------------------------ what may be known
+def test_a_view_can_be_scribbled_on(make):
+    one, other = (make(env.FootstepWorld, 3, noise=True, cores=1) for _ in range(2))
+    robots, some = np.arange(3), np.array([2, 0])
+    for world in (one, other):
+        world.reset(robots, [env.stream("training", 4, i) for i in robots])
+    for _ in range(2):
+        views = [world.view(some, world.measure(some)) for world in (one, other)]
+        for name, value in vars(views[0]).items():
+            np.testing.assert_array_equal(value, vars(views[1])[name], err_msg=name)
+            if isinstance(value, np.ndarray):
+                value[:] = 0.123
+        np.testing.assert_array_equal(one.neutral_action, other.neutral_action)
+        np.testing.assert_array_equal(one.actions, other.actions)
+        actions = np.full((3, 6), 0.45)
+        got, want = (world.step(actions, robots) for world in (one, other))
+        np.testing.assert_array_equal(got["reward"], want["reward"], err_msg=(
+            "a planner wrote into its view and the world changed: hand out copies"))
+
+def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
+    """Ground, body, pose and goal differ, and all the rest is alike: so must be the views."""
+    measured, views = np.array([[0.4, -0.1, 0.5]] * 2), []
+    for seed, far in ((0, 0.0), (1, 5.0)):
+        world = make(env.FootstepWorld, 3, cores=1)
+        world.reset(np.arange(3), [env.stream("training", seed, i) for i in range(3)])
+        world.pose += far
+        views.append(world.view(np.array([2, 1]), measured))
+    assert vars(views[0]).keys() == {"period", "limits", "neutral_action", "actions", "observation"}
+    for name, value in vars(views[0]).items():
+        np.testing.assert_array_equal(value, vars(views[1])[name], err_msg=(
+            f"{name} tells a planner what no robot can know"))
+    view = views[0]
+    assert view.period == world.engine.period and view.limits == world.limits
+    np.testing.assert_array_equal(view.actions, np.tile(world.neutral_action, (2, 2, 1)))
+    np.testing.assert_allclose(view.observation[:, :8], env.encode_goal(measured), atol=1e-6)
+    assert view.observation.shape == (2, len(env.observation_table(imu=True)))
+
 # ------------------------------------------------------------------------ how an episode ends
+IN, OUT, FALL = "inside", "outside", "falls, inside"
+
+@pytest.mark.parametrize("ends, want, counted", [  # of the double steps; how it ends; its time
+    ([IN, IN], "success", 1), ([OUT, IN, IN], "success", 2), ([IN, OUT, IN, IN], "success", 3),
+    ([IN, OUT], "", 2), ([IN, OUT, IN], "", 3), ([IN, FALL], "fall", 2), ([FALL], "fall", 1)],
+    ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value))
+def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
+    world, robots, others = make(env.FootstepWorld, 3, cores=1), np.array([2, 0]), np.array([1])
+    poses = {IN: [0.3, 0, 0], OUT: [0.1, 0, 0], FALL: [0.3, 0, 0]}
+    for repeat in range(2):  # the second time: nothing is left of the first episode
+        world.reset(np.arange(3), goals=[poses[IN]] * 3)
+        for step, end in enumerate(ends, 1):
+            mine, his = np.array([poses[end], poses[OUT]]), np.array([poses[IN]])
+            falls = [end is FALL, False]
+            with monkeypatch.context() as patch:
+                patch.setattr(world.sim, "run", lambda *_, p=mine, f=falls: motion(p, f))
+                result = world.step(np.full((2, 6), 0.4), robots)
+                if step == 1:  # robot 1 is at the goal once and waits there
+                    patch.setattr(world.sim, "run", lambda *_, p=his: motion(p, [False]))
+                    assert not world.step(np.full((1, 6), 0.4), others)["success"].any()
+            got = [name for name in ("success", "fall", "timeout") if result[name][0]]
+            assert got == ([want] if want and step == len(ends) else []), (
+                f"after double step {step} of {ends}: two in a row must end inside, and a fall "
+                f"in the second is a fall{', whatever the last episode was' * repeat}")
+            assert result["inside"].tolist() == [end is IN, False], "a fall wins"
+            assert result["reward_terms"]["r_goal"][0] == TASK.s_goal * ("success" in got)
+            assert not result["success"][1], "a robot arrives for itself, not for another one"
+        np.testing.assert_allclose(result["time"] / world.engine.period, [counted, len(ends)],
+                                   err_msg="a success took the time to the FIRST of the two")
+
+def test_where_the_robot_starts_does_not_count_as_having_been_there(make, monkeypatch):
+    one = make(env.FootstepEnv)
+    one.reset(seed=0, options={"goal": (0, 0, 0)})  # it stands on its goal
+    monkeypatch.setattr(one.world.sim, "run", lambda *_: motion(np.zeros((1, 3)), [False]))
+    ends = [one.step(one.world.neutral_action)[4]["success"] for _ in range(2)]
+    assert ends == [False, True], "two double steps must END at the goal"
+
 @pytest.mark.parametrize("x, yaw_deg, fell, want", [
     (0.0, 0, False, "success"), (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"),
     (0.051, 0, False, ""), (0.0, 10.1, False, ""), (0.0, -10.1, False, ""), (0.0, 180, False, ""),
@@ -662,8 +912,10 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
         one.reset(seed=seed, options={"goal": goal})
         away = np.array([[x * 0.6, x * 0.8, math.radians(yaw_deg)]])
         with monkeypatch.context() as patch:
-            patch.setattr(one.world.sim, "run", lambda *_, away=away: motion(goal + away, [fell]))
-            _, _, terminated, truncated, info = one.step(one.world.neutral_action)
+            for falls in (False, fell):  # two double steps that end there
+                patch.setattr(one.world.sim, "run", lambda *_, away=away, falls=falls: motion(
+                    goal + away, [falls]))
+                _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), (
             f"{100 * x:.1f} cm and {yaw_deg}° away, fell: {fell}; success: 5 cm AND 10°, true "
@@ -678,16 +930,21 @@ def test_no_time_left_truncates_in_the_vector_too(make, monkeypatch, sim):
     whole = math.floor(TASK.time_limit / envs.world.engine.period + 1e-9)
     goals = np.tile([2.0, 0.0, 0.0], (4, 1))
     envs.reset(seed=0, options={"goals": goals})
-    envs.world.steps[:] = [whole - 2, whole - 1, whole - 1, whole - 1]
-    poses, fell = goals * [[0.5], [0.5], [1], [0.5]], [False, False, False, True]
+    envs.world.steps[:] = [whole - 3, whole - 2, whole - 2, whole - 2]
+    poses, fell = goals * [[0.5], [0.5], [1], [0.5]], [False] * 4
     monkeypatch.setattr(envs.world.sim, "run", lambda *_: motion(poses, fell))
-    obs, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (4, 1)))
+    actions = np.tile(envs.neutral_action, (4, 1))
+    _, _, terminated, truncated, _ = envs.step(actions)
+    assert not terminated.any() and not truncated.any(), "there is room for one more double step"
+    fell[3] = True
+    obs, _, terminated, truncated, infos = envs.step(actions)
     np.testing.assert_array_equal(truncated, [False, True, False, False], err_msg=(
         "only the robot that is neither there nor fallen when the time is up is cut off"))
     np.testing.assert_array_equal(terminated, [False, False, True, True], err_msg=(
         "a time-out truncates, it does not terminate: stage 4 bootstraps there, not after a fall"))
     np.testing.assert_array_equal(infos["final_info"]["timeout"], truncated)
-    assert infos["final_info"]["time"][1] == pytest.approx(whole * envs.world.engine.period)
+    np.testing.assert_allclose(infos["final_info"]["time"] / envs.world.engine.period,
+                               [whole - 1, whole, whole - 1, whole])
     assert infos["final_obs"][1, 0] == pytest.approx(1.0), "one metre was left"
     np.testing.assert_array_equal(envs.world.steps, [whole - 1, 0, 0, 0])
 
@@ -697,19 +954,24 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim):
     period = one.world.engine.period
     whole = math.floor(TASK.time_limit / period + 1e-9)  # double steps that fit into 100 s
     goal = np.array([2.0, 0.0, 0.0])
-    for steps, pose, fell, want in ((whole - 2, goal / 2, False, (False, False, False)),
-                                    (whole - 1, goal / 2, False, (False, True, True)),
-                                    (whole - 1, goal, False, (True, False, False)),
-                                    (whole - 1, goal / 2, True, (True, False, False))):
+    out, here = goal / 2, goal
+    for steps, last, pose, fell, want in ((whole - 2, out, out, False, (False, False, False)),
+                                          (whole - 1, out, out, False, (False, True, True)),
+                                          (whole - 1, out, here, False, (False, True, True)),
+                                          (whole - 1, here, here, False, (True, False, False)),
+                                          (whole - 1, here, here, True, (True, False, False)),
+                                          (whole - 1, out, out, True, (True, False, False))):
         one.reset(seed=0, options={"goal": goal})
-        one.world.steps[:] = steps
-        monkeypatch.setattr(one.world.sim, "run", lambda *_, p=pose, f=fell: motion(p[None], [f]))
-        _, _, terminated, truncated, info = one.step(one.world.neutral_action)
+        one.world.steps[:] = steps - 1
+        for place, falls in ((last, False), (pose, fell)):
+            monkeypatch.setattr(one.world.sim, "run", lambda *_, p=place, f=falls: motion(
+                p[None], [f]))
+            _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         assert (terminated, truncated, bool(info["timeout"])) == want, (
             f"after {steps + 1} of {whole} double steps: a time-out truncates, it does not "
             "terminate; goal and fall come first")
-        assert info["time"] == pytest.approx((steps + 1) * period)
-        assert info["time"] <= TASK.time_limit + 1e-9
+        assert info["time"] == pytest.approx((steps + 1 - info["success"]) * period)
+        assert (steps + 1) * period <= TASK.time_limit + 1e-9
 
 def test_a_reset_clears_the_last_episode(make):
     one = make(env.FootstepEnv, task=replace(TASK, time_limit=3.0))
@@ -737,7 +999,8 @@ def test_demonstration_planner_reaches_goals(make, sim):
             ends[name] += result[name].sum()
             assert not (done & result[name]).any(), "an episode has one end, not two"
             done |= result[name]
-        np.testing.assert_allclose(result["time"], world.steps[walking] * world.engine.period)
+        counted = world.steps[walking] - result["success"]  # to the first of the two at the goal
+        np.testing.assert_allclose(result["time"], counted * world.engine.period)
         walking = walking[~done]
     assert sum(ends.values()) == 16
     assert ends["success"] > 8, f"the task must be solvable: {ends}"

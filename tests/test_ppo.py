@@ -110,27 +110,35 @@ def test_joint_log_prob_integrates_to_one_over_the_square():
     assert pi.entropy().item() == pytest.approx(-np.mean(p * np.log(p)), abs=2e-3)
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
-def test_beta_decision_lies_between_mode_and_mean(alpha, beta):
+def test_the_decision_is_the_mode(alpha, beta):
     model = model_with([alpha], [beta])
-    p = density(model, GRID[:, None])
-    model, obs = model.float(), np.zeros((3, 1))
-    mode, mean = GRID[p.argmax()], np.mean(GRID * p)
-    for share, want in ((0.0, mode), (1.0, mean), (0.25, 0.75 * mode + 0.25 * mean)):
-        np.testing.assert_allclose(model.decide(obs, share), want, atol=1e-3, err_msg=(
-            "mode = (α−1)/(α+β−2), where the density is largest; mean = α/(α+β) = ∫ x·p(x)"))
-    np.testing.assert_allclose(model.decide(obs), (mode + mean) / 2, atol=1e-3, err_msg=(
-        "when it counts: half-way"))
+    mode = GRID[density(model, GRID[:, None]).argmax()]
+    np.testing.assert_allclose(model.float().decide(np.zeros((3, 1))), mode, atol=1e-3, err_msg=(
+        "where the density is largest, (α−1)/(α+β−2); α/(α+β) would be the mean"))
 
-def test_the_docstring_of_decide_tells_true_numbers():
-    model, obs = model_with([1.1], [3.0]).float(), np.zeros((1, 1))
-    assert model.decide(obs, 0.0).item() == pytest.approx(0.05, abs=0.005)
-    assert model.decide(obs, 1.0).item() == pytest.approx(0.27, abs=0.005)
+@pytest.mark.parametrize("alpha, beta", SHAPES)
+@pytest.mark.parametrize("k", [1.5, 4.0])
+def test_a_sharper_policy_is_a_power_of_the_policy(alpha, beta, k):
+    model, obs = model_with([alpha], [beta]), torch.zeros(1, dtype=torch.float64)
+    plain = density(model, GRID[:, None])
+    mode, entropy = model.policy(obs).mode.item(), model.policy(obs).entropy().item()
+    model.sharpness = k
+    sharp = density(model, GRID[:, None])
+    assert sharp.mean() == pytest.approx(1.0, abs=2e-3), "it is a density, too"
+    likely = plain > 1e-9 * plain.max()
+    differences = (np.diff(np.log(p[likely])) for p in (plain, sharp))  # the norm falls out
+    one, other = differences
+    np.testing.assert_allclose(other, k * one, atol=1e-9, err_msg=(
+        "p^k: k·(α − 1) and k·(β − 1), not k·α and k·β"))
+    assert model.policy(obs).mode.item() == pytest.approx(mode, abs=1e-12), (
+        "sharper, and nothing else: the decision stays")
+    assert model.policy(obs).entropy().item() < entropy - 0.05, "sharper explores less"
 
 def test_first_policy_is_around_first_action():
     first, obs = [0.2, 0.5, 0.8], np.random.default_rng(0).normal(size=(100, 4))
     torch.manual_seed(0)
     model = ppo.ActorCritic(4, 3, first_action=first)
-    mode = model.decide(obs, share=0.0)
+    mode = model.decide(obs)
     assert mode.shape == (100, 3) and mode.dtype == np.float32
     np.testing.assert_allclose(mode, np.tile(first, (100, 1)), atol=0.02, err_msg=(
         "the bias must be softplus⁻¹(m·(c−2)), and the last layer's weights small"))
@@ -497,6 +505,31 @@ def test_learning_rate_falls_to_zero(tmp_path, monkeypatch):
         "linearly from the full rate to 0 after the last update, and Adam has to be told"))
     np.testing.assert_allclose([[row["learning_rate"]] for row in rows], want)
 
+def test_the_policy_is_sharpened_while_it_learns(tmp_path, monkeypatch):
+    told, collect, improve = [], ppo.collect, ppo.improve
+
+    def spy(function):
+        def spied(model, *rest):
+            told.append(model.sharpness)
+            return function(model, *rest)
+        return spied
+
+    for function in (collect, improve):
+        monkeypatch.setattr(ppo, function.__name__, spy(function))
+    cfg = replace(SMALL, learning_rate=0.0, sharpest=6.0)  # nothing else changes the policy
+    model, rows = ppo.train(cfg, lambda n: Probe(n, zero, constant), tmp_path,
+                            5 * cfg.num_envs * cfg.rollout, progress=False)
+    np.testing.assert_allclose(told, np.repeat([1, 2, 3, 4, 5], 2), err_msg=(
+        "linearly from 1 to `sharpest` after the last update, and alike while collecting and "
+        "learning: the ratio compares two policies of one sharpness"))
+    alpha, beta = model.shape["act_dim"] * [5.0], [5.0]  # first_concentration 10, in the middle
+    for k, row in zip(told[::2], rows, strict=True):
+        p = density(model_with(1 + k * np.subtract(alpha, 1), 1 + k * np.subtract(beta, 1)),
+                    GRID[:, None])
+        assert row["entropy"] == pytest.approx(-np.mean(p * np.log(p)), abs=0.01), (
+            f"entropy of the policy that acted, at k = {k:.0f}")
+    assert np.all(np.diff([row["entropy"] for row in rows]) < 0), "it explores less and less"
+
 def counting(num_envs):
     """Episodes of one step, in the words of stage 3."""
     class Counting(Probe):
@@ -574,6 +607,7 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
                          progress=False)
 
     model, rows = run(tmp_path / "whole")
+    assert model.sharpness > 2, "the test should see another sharpness than the first"
     calls, improve = [], ppo.improve
 
     def interrupted(*args):
@@ -589,6 +623,7 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     resumed, resumed_rows = run(tmp_path / "parts", resume=True)
     assert same(model, resumed), (
         "something crosses the checkpoint: generator, episodes, Adam's state or learning rate?")
+    assert model.sharpness == resumed.sharpness, "it follows from the number of the update alone"
     for row, other in zip(rows, resumed_rows, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
         for name in set(COLUMNS) - {"minutes"}:
@@ -654,10 +689,12 @@ META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0, "config": {}}
 def test_policy_survives_the_disk_and_the_old_one_is_kept(tmp_path):
     path, obs = tmp_path / "policy.pt", np.random.default_rng(0).normal(size=(7, 5))
     old, new = ppo.ActorCritic(5, 2), ppo.ActorCritic(5, 2, hidden=(8,))
+    new.sharpness = 4.0  # as after a training: it is not stored, for decisions do not need it
     ppo.save_policy(path, old, META)
     ppo.save_policy(path, new, META)
     model, meta = ppo.load_policy(path)
-    assert np.array_equal(model.decide(obs), new.decide(obs))
+    np.testing.assert_allclose(model.decide(obs), new.decide(obs), atol=1e-6)
+    assert same(model, new)
     assert meta["steps"] == 10 and meta["hidden"] == [8] and meta["fits"] == FITS
     previous, _ = ppo.load_policy(tmp_path / "policy.previous.pt")
     assert same(previous, old)
@@ -763,11 +800,11 @@ def test_wrong_values_get_one_line_and_exit_code_2(arguments, tmp_path, monkeypa
     assert len(message.splitlines()) == 1 and message.startswith("04_ppo.py: "), message
 
 @pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
-    ([], 500_000, "runs/pymunk", "pymunk", True, False),
+    ([], 1_000_000, "runs/pymunk", "pymunk", True, False),
     (["--quick"], 60_000, "runs/pymunk/quick", "pymunk", True, False),
     (["--quick", "--steps", "70"], 70, "runs/pymunk/quick", "pymunk", True, False),
-    (["--mujoco", "--imu"], 500_000, "runs/mujoco/imu", "mujoco", True, True),
-    (["--no-noise", "--out", "mine"], 500_000, "mine", "pymunk", False, False),
+    (["--mujoco", "--imu"], 1_000_000, "runs/mujoco/imu", "mujoco", True, True),
+    (["--no-noise", "--out", "mine"], 1_000_000, "mine", "pymunk", False, False),
 ], ids=str)
 def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

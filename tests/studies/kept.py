@@ -22,7 +22,7 @@ SEEDS = (0, 1, 2)  # of the trainings
 FIRST = 1  # evaluation seed of the first set of goals
 PER_SEED = 500  # goals in a set
 COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:orange",
-          "baseline_tuned": "tab:green"}
+          "baseline_tuned": "tab:green", "search": "tab:red"}
 
 
 # ------------------------------------------------------------------------ trainings
@@ -69,7 +69,7 @@ def to_ship(folders, median, prefix=""):
 def policy(path, sim):
     """The planner of a policy file, and what it depends on."""
     try:
-        return evaluate.load_planner(path, sim)[0], (path.read_bytes(), ppo.MEAN_SHARE)
+        return evaluate.load_planner(path, sim)[0], path.read_bytes()
     except ppo.PolicyError as error:
         raise common.StudyError(str(error)) from error
 
@@ -77,25 +77,30 @@ def baseline(settings):
     """The same of a baseline."""
     return evaluate.BaselinePlanner(settings), asdict(settings)
 
-def baselines(sim):
-    """The paper's baseline and the shipped tuned one by name, each with what it depends on."""
-    tuned = common.read_json(common.RESULTS / sim / "baseline_tuned.json")["settings"]
-    return {"baseline": baseline(evaluate.BaselineSettings()),
-            "baseline_tuned": baseline(evaluate.BaselineSettings(**tuned))}
+def opponents(sim):
+    """The paper's baseline and what is shipped beside it, by name, each with what it depends on."""
+    folder, found = common.RESULTS / sim, {"baseline": baseline(evaluate.BaselineSettings())}
+    try:
+        settings = evaluate.read_settings(folder / "baseline_tuned.json", sim)
+        search = evaluate.load_search(folder / "search.npz", sim)[0]
+    except evaluate.InputError as error:
+        raise common.StudyError(str(error)) from error
+    file = (folder / "search.npz").read_bytes()
+    return found | {"baseline_tuned": baseline(settings), "search": (search, file)}
 
 def shipped(sim):
-    """The shipped policies and both baselines."""
+    """The shipped policies and their opponents."""
     files = {"policy": "policy.pt", "policy_imu": "imu/policy.pt"}
     paths = {name: common.RESULTS / sim / file for name, file in files.items()}
-    if not paths["policy_imu"].parent.is_dir():
+    if not paths["policy_imu"].is_file():
         del paths["policy_imu"]
-    return {name: policy(path, sim) for name, path in paths.items()} | baselines(sim)
+    return {name: policy(path, sim) for name, path in paths.items()} | opponents(sim)
 
 def shipped_seeds(sim):
     """The policy files of all training seeds, in lists by planner; with IMU only if shipped."""
     folder = common.RESULTS / sim
     found = {"policy": [folder / "seeds" / str(seed) / "policy.pt" for seed in SEEDS]}
-    if (folder / "imu").is_dir():
+    if (folder / "imu" / "policy.pt").is_file():
         found["policy_imu"] = [folder / "imu" / path.relative_to(folder)
                                for path in found["policy"]]
     return found
@@ -103,63 +108,67 @@ def shipped_seeds(sim):
 
 # ------------------------------------------------------------------------ trials
 class Trials:
-    """Runs planners on sets of 500 goals in one simulator, and remembers what came out."""
+    """Runs planners on sets of 500 trials in one simulator, and remembers what came out.
 
-    def __init__(self, sim, robot=robot_model.RobotModel(), cores=None):
-        self.sim, self.robot, self.cores, self.world = sim, robot, cores, None
+    spread: how far the worlds may be from the model, None: as stage 1 says.
+    """
 
-    def run(self, planner, key, noise, first=FIRST, count=4, size=1.0, purpose="evaluation"):
-        """Arrays [500·count] as of `evaluate`, and what fell how (see `measure`).
+    def __init__(self, sim, spread=robot_model.Spread(), robot=robot_model.RobotModel(),
+                 cores=None):
+        self.sim, self.spread, self.cores, self.robot = sim, spread, cores, robot
+        self.world = None
+
+    def run(self, planner, key, noise, first=FIRST, count=4, far=False, friction=np.nan, size=1.0,
+            purpose="evaluation", per_seed=PER_SEED):
+        """Arrays [per_seed·count] as of `evaluate`, and what fell how (see `measure`).
 
         key: what the planner depends on; size: of the noise, relative to the task's.
         """
-        parts = []
+        parts, settings = [], (noise, far, float(friction), size, purpose, per_seed)
         for seed in range(first, first + count):
-            name = common.digest(key, env.fingerprint(self.sim), self.robot, env.Task(), noise,
-                                 size, purpose, PER_SEED)
+            name = common.digest(key, env.fingerprint(self.sim), self.spread, self.robot,
+                                 env.Task(), settings)
             path = common.work(self.sim, "trials") / f"{name}_{seed}.npz"
             if not path.is_file():
                 temporary = path.with_suffix(".tmp.npz")
-                np.savez_compressed(temporary, **self.measure(planner, noise, seed, size, purpose))
+                np.savez_compressed(temporary, **self.measure(planner, seed, *settings))
                 os.replace(temporary, path)
             with np.load(path) as stored:
                 parts.append(dict(stored))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
-    def measure(self, planner, noise, seed, size, purpose):
-        """One set. Beside what `evaluate` returns, with lengths of a step forward [m]:
-
-        goals [500, 3]; falls [F, 6]: the goal seen from the robot before it (x, y, yaw), step now
-        and before, moment [share of the double step]; changes [C, 2]: step now and before, of some
-        that went well.
+    def measure(self, planner, seed, noise, far, friction, size, purpose, per_seed):
+        """One set. Beside what `evaluate` returns, for every fall [F, 8]: the goal seen from the
+        robot before it (x, y, yaw), step length now and before [m], pitch before [rad], moment
+        [share of the double step], μ.
         """
         world, task = self.make_world(), env.Task()
         world.task = replace(task, noise_m=size * task.noise_m, noise_rad=size * task.noise_rad)
-        goals = env.draw_goals(env.stream(purpose, seed), PER_SEED)
-        before, falls, changes = goals.copy(), [np.zeros((0, 6))], [np.zeros((0, 2))]
+        trials = evaluate.draw_trials(seed, per_seed, far, friction, purpose)
+        before, falls = trials.goals.copy(), [np.zeros((0, 8))]
+        pitch = np.full(per_seed, world.engine.parameters.trunk_pitch)
 
         def watch(robots, result):
             bar.update(sum(int(result[name].sum()) for name in evaluate.OUTCOMES))
             low, high = world.limits.low[0], world.limits.high[0]
-            share = world.actions[robots][:, :, [0, 3]].mean(-1)  # [n, 2] x of both feet, 0 … 1
-            length = low + share * (high - low)  # [n, 2] now, before
-            fell = result["fall"]
-            changes.append(length[(robots % 20 == 0) & ~fell])
-            down = robot_model.fallen(result["motion"].torso[fell], world.engine.stance[0][2])
-            when = np.argmax(down, 1) / down.shape[1]  # [F]
-            falls.append(np.column_stack([before[robots[fell]], length[fell], when]))
-            before[robots] = world.relative_goal(robots)
+            fell, motion = result["fall"], result["motion"]
+            share = world.actions[robots[fell]][:, :, [0, 3]].mean(-1)  # [F, 2] x of both feet
+            down = robot_model.fallen(motion.torso[fell], world.engine.stance[0][2])
+            falls.append(np.column_stack([
+                before[robots[fell]], low + share * (high - low), pitch[robots[fell]],
+                np.argmax(down, 1) / down.shape[1], world.friction[robots[fell]]]))
+            before[robots], pitch[robots] = world.relative_goal(robots), motion.torso[:, -1, 4]
 
-        title = f"{type(planner).__name__}, goals {seed}"
-        with tqdm(total=PER_SEED, desc=title, unit=" trials", leave=False) as bar:
-            trials = evaluate.evaluate(planner, world, goals, seed, noise, watch)
-        return {**trials, "goals": goals, "falls": np.concatenate(falls),
-                "changes": np.concatenate(changes)}
+        title = f"{type(planner).__name__}, trials {seed}"
+        with tqdm(total=per_seed, desc=title, unit=" trials", leave=False) as bar:
+            ended = evaluate.evaluate(planner, world, trials, noise, watch)
+        return {**ended, "goals": trials.goals, "falls": np.concatenate(falls)}
 
     def make_world(self):
         """The world, when the first trial needs it."""
         if self.world is None:
-            self.world = env.FootstepWorld(PER_SEED, self.sim, cores=self.cores, robot=self.robot)
+            self.world = env.FootstepWorld(PER_SEED, self.sim, cores=self.cores,
+                                           robot=self.robot, spread=self.spread)
         return self.world
 
     def close(self):
@@ -168,9 +177,11 @@ class Trials:
             self.world.close()
         self.world = None
 
-def row_of(trials, name, noise):
+def row_of(trials, name, noise, far=False):
     """A row of stage 5's table."""
-    return evaluate.summary(name, noise, trials, env.Task())
+    task = env.Task()
+    std = task.far_std_m if far else task.goal_std_m
+    return evaluate.summary(name, noise, std, trials, task)
 
 def time_ratio(trials, reference, name):
     """More of a row: time relative to another planner's, nothing without a common success."""
