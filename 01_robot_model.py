@@ -115,7 +115,7 @@ class Spread:
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
     stiction: float = 1.5  # [N m] 0 to this: static friction of every joint; public model: 2.55
-    delay: int = 1  # [ticks] 0 or this between a joint target and its motors
+    delay: int = 1  # [ticks] 0, or this: 1, between the joint targets and the motors
 
     def draw(self, rngs, robot):
         """One Body per generator, n in all."""
@@ -132,7 +132,7 @@ class Body:
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors
     stiction: np.ndarray  # [n, 12] [N m]
-    delay: np.ndarray  # [n] [ticks] 0 or more
+    delay: np.ndarray  # [n] [ticks] 0 or 1
 
 @dataclass
 class Trajectory:
@@ -436,9 +436,11 @@ class PymunkSim:
     is a degree of freedom of its own. Every tick the lag e grows by the commanded minus the true
     turn, and the hip pushes the torso after with what its motor and the friction under a sole bear:
 
-        bound = min(motor limit, μ·F·r),   τ = clip(k·e + c·ė, ±bound),   I·ψ̈ = τ,   |e| ≤ bound / k
+        bound = min(motor limit, r·√((μ·F)² − F_x²)),   τ = clip(k·e + c·ė, ±bound),   I·ψ̈ = τ,
+        |e| ≤ bound / k
 
-    F: measured force on the ground; r: mean radius of a sole. Beyond bound / k the sole slips: that
+    F, F_x: measured force of the ground, up and ahead: together they share the friction; r: mean
+    radius of a sole. Beyond bound / k the sole slips: that
     part of the command is lost. Sideways follows the command and cannot fall.
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
@@ -458,10 +460,11 @@ class PymunkSim:
         self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
-        self.speeds = np.zeros((num_robots, 6))  # of the motors in the last tick [rad/s]
+        self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
         self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
         self.friction = np.full(num_robots, robot.friction)
         self.gain = np.full((num_robots, 6), robot.planar_gain)  # [1/s]
+        self.stiction = np.zeros((num_robots, 6))  # [N m]
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
@@ -473,14 +476,14 @@ class PymunkSim:
             self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
             self.friction[robots], self.delay[robots] = body.friction, body.delay
             self.gain[robots] = self.robot.planar_gain * body.stiffness[:, SAGITTAL]
-        for row, i in enumerate(robots):  # in a fresh space: a used one keeps contacts of a fall
-            stiction = np.zeros(6) if body is None else body.stiction[row, SAGITTAL]
-            self.spaces[i], self.motors[i] = self._build(i, stiction)
-        self.speeds[robots] = 0
+            self.stiction[robots] = body.stiction[:, SAGITTAL]
+        for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
+            self.spaces[i], self.motors[i] = self._build(i)
+        self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
         self.pose[robots], self.yaw_rate[robots], self.yaw_lag[robots] = 0, 0, 0
         self.lost[robots], self.bodies[robots] = False, self._read(robots)
 
-    def _build(self, i, stiction):
+    def _build(self, i):
         """A space with ground and standing robot i, and the robot's six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
@@ -512,7 +515,7 @@ class PymunkSim:
             if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
                 motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
-                motors[-1].max_force = robot.torque_limit[index] - stiction[k - 1]  # [N m]
+                motors[-1].max_force = robot.torque_limit[index] - self.stiction[i, k - 1]
                 limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
                 space.add(motors[-1], pymunk.PivotJoint(parent, body, point),
                           pymunk.RotaryLimitJoint(parent, body, *limits))
@@ -565,14 +568,17 @@ class PymunkSim:
         robot, limit = self.robot, np.tile(self.robot.speed_limit[2:5], 2)
         dt, numbers = robot.control_dt / robot.substeps, robots.tolist()
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
+        wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
+        late = np.concatenate([self.last[robots][:, None], wanted[:, :-1]], 1)  # by a tick
+        self.last[robots] = wanted[:, -1]
+        wanted = np.where(self.delay[robots, None, None, None], late, wanted)
         seen = np.empty((*targets.shape[:2], 7, 6))
         seen[:, 0] = self.bodies[robots]
         for t in range(rates.shape[1]):
             # A motor that only followed the error would lag behind a moving target: add its rate.
-            speeds = rates[:, t] + self.gain[robots] * (targets[:, t] - self._angles(seen[:, t]))
+            error = wanted[:, t, 0] - self._angles(seen[:, t])
+            speeds = wanted[:, t, 1] + self.gain[robots] * error
             speeds = np.minimum(np.maximum(speeds, -limit), limit)
-            late, self.speeds[robots] = self.speeds[robots], speeds
-            speeds = np.where(self.delay[robots, None], late, speeds)
             for i, row in zip(numbers, speeds.tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     set_rate(motor, speed)

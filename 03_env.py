@@ -200,7 +200,7 @@ class FootstepWorld:
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
         self.dice = [{} for _ in self.rng]  # generators of the episode, by purpose
-        self.friction = np.zeros(num_robots)  # μ of the episode, as drawn
+        self.friction = np.zeros(num_robots)  # μ of the episode
         self.goal = np.zeros((num_robots, 3))
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
         self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
@@ -216,6 +216,9 @@ class FootstepWorld:
         robots = np.asarray(robots)
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
+        friction = np.zeros(len(robots)) + friction
+        if (friction < 0).any() or (friction > 100).any():
+            raise ValueError(f"friction must be from 0 to 100, got {friction}")
         for i, rng in zip(robots, rngs):
             self.rng[i] = rng
         for i in robots:

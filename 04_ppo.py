@@ -329,12 +329,13 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
                 obs = run.begin_again(update, envs, model, optimizer)
             learning_rate = cfg.learning_rate * (1.0 - update / updates)
             optimizer.param_groups[0]["lr"] = learning_rate
-            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * update / updates
+            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * (update + 1) / updates
             data, obs, infos = collect(model, envs, obs, cfg.rollout, bar)
             watched = improve(model, optimizer, data, cfg)
             settled = update % cfg.checkpoint_every >= cfg.unsettled
             watched |= {**episode_means(infos if settled else []), "learning_rate": learning_rate}
             run.log((update + 1) * cfg.num_envs * cfg.rollout, watched, bar)
+        model.sharpness = cfg.sharpest
         if run.update < updates:  # the policy first: the last checkpoint says that it exists
             done = {key: run.rows[-1][key] for key in ("steps", "minutes")}
             save_policy(run.out / "policy.pt", model, {**run.about, **done})

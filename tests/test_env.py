@@ -41,11 +41,6 @@ def motion(poses, fell):
     torso[:, 0, [0, 1, 5]], torso[:, 0, 2] = poses, 0.38
     return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell))
 
-def wrap3(poses):
-    """Differences of poses [..., 3] with their angle wrapped, [n, 3]."""
-    poses = np.array(poses).reshape(-1, 3)
-    return np.c_[poses[:, :2], robot_model.wrap(poses[:, 2])]
-
 def seen_from(pose, goal):
     """A goal seen from a robot, both (x, y, yaw), by turning in the complex plane: x, y, α."""
     place = complex(goal[0] - pose[0], goal[1] - pose[1]) * np.exp(-1j * pose[2])
@@ -104,7 +99,8 @@ def test_robots_together_equal_robots_alone(make, sim, noise):
     np.testing.assert_array_equal(got, want, err_msg="robot i has the seed s + i")
     ends = {"fall": 0, "timeout": 0}
     for _ in range(30):
-        actions = rng.integers(0, 2, (n, 6)).astype(np.float32)  # only extremes: they fall
+        actions = (together.neutral_action + rng.uniform(-0.1, 0.1, (n, 6))).astype(np.float32)
+        actions[:, [0, 3]] = rng.integers(0, 2, (n, 2))  # as far ahead or back as it goes: falls
         got, rewards, terminated, truncated, infos = together.step(actions)
         for i, one in enumerate(alone):
             last, reward, done, cut, info = one.step(actions[i])
@@ -122,7 +118,7 @@ def test_robots_together_equal_robots_alone(make, sim, noise):
                 "after an automatic reset: are the next goal, ground and body drawn from the "
                 "robot's own generator, and is the noise drawn equally often?"))
     assert min(ends.values()) >= 1 and sum(ends.values()) >= 3, (
-        f"random actions should make the robots fall: the resets were not tested, {ends}")
+        f"these actions should make the robots fall: the resets were not tested, {ends}")
 
 @BOTH
 def test_some_robots_walk_while_the_others_wait(make, sim):
@@ -756,33 +752,62 @@ def assert_same_body(one, other, but=()):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
 
 def test_whatever_is_done_goals_ground_body_and_noise_stay_the_same(make):
-    robots, told = np.arange(2), []
-    for hands, looks in ((0, 0), (1, 0), (1, 3)):  # still or wild, and how often the IMU is read
+    robots, wild = np.arange(2), np.random.default_rng(0)
+
+    def told(act, looks, steps):
+        """Of two episodes: goals, Body, and by how much the first two measurements are off."""
         world, bodies = spied(make(env.FootstepWorld, 2, noise=True, cores=1))
-        noise, wild = [], np.random.default_rng(0)
-        for episode in range(2):
-            rngs = [env.stream("training", 7, i) for i in robots] if not episode else ()
-            world.reset(robots, rngs)
-            goal = world.goal.copy()
-            for _ in range(2 if not hands else 3):  # episodes of different lengths, too
+        world.reset(robots, [env.stream("training", 7, i) for i in robots])
+        episodes = []
+        for _ in range(2):
+            goals, noise = world.goal.copy(), []
+            for _ in range(steps):
                 measured = world.measure(robots)
-                noise.append(measured - world.relative_goal(robots))
+                noise.append(robot_model.wrap(measured - world.relative_goal(robots)))
                 for _ in range(looks):
-                    world.view(robots, measured)
-                still = np.tile(world.neutral_action, (2, 1))
-                world.step(wild.random((2, 6)) if hands else still, robots)
-            told.append((goal, bodies[-1], noise[-3 if hands else -2:][:2]))
-    for k, (goal, body, noise) in enumerate(told[2:], 2):
-        first = told[k % 2]  # of the same episode
-        np.testing.assert_array_equal(goal, first[0], err_msg=f"goals of episode {k % 2}")
-        assert_same_body(body, first[1])
-        np.testing.assert_allclose(wrap3(noise), wrap3(first[2]), atol=1e-12, err_msg=(
-            "noise of the measured goal: the n-th measurement of an episode is always off by the "
-            "same; does noise share a generator with actions, with the IMU, or between episodes?"))
+                    world.view(robots, measured)  # reads the IMU
+                world.step(act(world), robots)
+            episodes.append((goals, bodies[-1], noise[:2]))
+            world.reset(robots)
+        return episodes
+
+    still = told(lambda world: np.tile(world.neutral_action, (2, 1)), looks=0, steps=2)
+    for looks in (0, 3):
+        moved = told(lambda world: wild.random((2, 6)), looks, steps=3)
+        for (goals, body, noise), (other_goals, other_body, other_noise) in zip(still, moved):
+            np.testing.assert_array_equal(goals, other_goals)
+            assert_same_body(body, other_body)
+            np.testing.assert_allclose(noise, other_noise, atol=1e-12, err_msg=(
+                "the n-th measurement of an episode is always off by the same: does noise share a "
+                "generator with the IMU, or does one episode go on with the numbers of the last?"))
+    (_, body, _), (_, second, _) = still
     for name in ("friction", "mass", "stiffness", "stiction"):
-        one, other = getattr(told[0][1], name), getattr(told[1][1], name)
+        one, other = getattr(body, name), getattr(second, name)
         assert not np.isclose(one, other).any(), f"{name}: another episode, another draw"
         assert not np.isclose(one[0], one[1]).any(), f"{name}: another robot, another draw"
+
+def test_the_noise_of_the_imu_does_not_depend_on_any_other(make):
+    one, other = (make(env.FootstepWorld, 1, noise=True) for _ in range(2))
+    for world in (one, other):
+        world.reset([0], [env.stream("training", 0)], [[1.0, 0, 0]])
+    for _ in range(3):
+        other.measure([0])
+        other.dice[0]["kicks"].normal(size=3)  # as in tests/studies
+        seen = [world.observe([0], np.ones((1, 3)), imu=True) for world in (one, other)]
+        np.testing.assert_array_equal(*seen, err_msg="it needs a generator of its own")
+
+def test_a_given_goal_replaces_the_drawn_one_and_nothing_else(make):
+    told = []
+    for goals in (None, [[1.0, 2.0, 3.0]]):
+        world, bodies = spied(make(env.FootstepWorld, 1, noise=True))
+        world.reset([0], [env.stream("training", 6)], goals)
+        off = robot_model.wrap(world.measure([0]) - world.relative_goal([0]))
+        told.append((bodies[0], off, world.observe([0], np.ones((1, 3)), imu=True)))
+    np.testing.assert_array_equal(world.goal, goals)
+    assert_same_body(told[0][0], told[1][0])
+    for drawn, given in zip(told[0][1:], told[1][1:]):
+        np.testing.assert_allclose(drawn, given, atol=1e-12, err_msg=(
+            "a goal's numbers were taken from the generator of the world or of the noise"))
 
 def test_goals_and_noise_do_not_depend_on_how_the_world_is_drawn(make):
     class Greedy(robot_model.Spread):

@@ -1,6 +1,7 @@
-"""Stage 5: the baseline's equations, the statistics, the trials, and the command line."""
+"""Stage 5: the baseline's equations, search, the statistics, the trials, and the command line."""
 
 import csv
+import itertools
 import json
 import math
 import os
@@ -19,9 +20,20 @@ import torch
 
 evaluate = import_module("05_evaluate")
 env, ppo, robot_model = evaluate.env, evaluate.ppo, evaluate.robot_model
+LIMITS, FAR = env.walk_engine.LIMITS["pymunk"], evaluate.FAR
 SCRIPT = Path(evaluate.__file__)
 B = evaluate.BaselineSettings()
 OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0, far_m=0.4)
+PERIOD = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED["pymunk"]).period  # [s] double step
+
+def view_of(*last_actions):
+    """The View of robots that did these actions last; of the goal they know what is measured."""
+    neutral, actions = env.to_action(np.zeros((2, 3)), LIMITS), np.array(last_actions)
+    return env.View(PERIOD, LIMITS, neutral, np.stack([actions, actions], 1),
+                    np.zeros((len(actions), len(env.observation_table(imu=True))), np.float32))
+
+NEUTRAL = env.to_action(np.zeros((2, 3)), LIMITS)
+STANDS = view_of(NEUTRAL)  # one robot
 
 
 # ------------------------------------------------------------------------ the baseline's equations
@@ -146,6 +158,7 @@ def test_the_filter_is_the_limit_of_small_steps():
     assert error < 1e-4
     twice = evaluate.low_pass(evaluate.low_pass(start, target, 0.3, tau), target, 0.3, tau)
     assert twice == pytest.approx(exact), "two halves of a step must equal one whole step"
+    assert evaluate.low_pass(start, target, seconds, 0) == target, "τ = 0: no filter, and no 1 / 0"
 
 def test_velocities_become_mirrored_footsteps():
     velocities = np.array([[0.12, 0, 0], [0, 0.06, 0], [0, -0.06, 0], [0, 0, 0.2]])
@@ -171,16 +184,242 @@ def test_planned_footsteps_move_the_feet_at_that_velocity(velocity):
 
 def test_the_baseline_filters_and_stays_within_the_step_limits():
     planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(9.0, 9.0, 9.0, 9.0, gain=9.0))
-    world = env.FootstepWorld(2, cores=1)
     planner.reset(2)
     speeds = []
-    for _ in range(5):
-        action = planner.act(world, np.array([1]), np.array([[-3.0, -3.0, -3.0]]))
+    for goal in [(-0.01, 0.0, -0.01), *[(-3.0, -3.0, -3.0)] * 5]:
+        action = planner.act(STANDS, np.array([1]), np.array([goal]))
         assert action.shape == (1, 6) and (action >= 0).all() and (action <= 1).all()
         speeds.append(np.abs(planner.velocity[1]).sum())
-    world.close()
     assert np.all(np.diff(speeds) > 0), "the filtered velocity rises step by step"
-    assert not planner.velocity[0].any(), "robot 0 was not asked, only robot 1"
+    assert np.isnan(planner.velocity[0]).all(), "robot 0 was not asked, only robot 1"
+
+def test_only_the_first_command_of_a_trial_is_not_filtered():
+    planner, robot = evaluate.BaselinePlanner(), np.array([0])
+    ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
+    planner.reset(1)
+    planner.act(STANDS, robot, ahead)
+    np.testing.assert_allclose(planner.velocity, [[0.12, 0, 0]], atol=1e-12, err_msg=(
+        "the filter smooths changes of the command; before the first one there is none"))
+    planner.act(STANDS, robot, aside)
+    share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
+    changed = [[0.12 * (1 - share), 0.07 * share, 0.3 * share]]
+    np.testing.assert_allclose(planner.velocity, changed, atol=1e-12, err_msg="the second one")
+    planner.reset(1)
+    planner.act(STANDS, robot, aside)
+    np.testing.assert_allclose(planner.velocity, [[0, 0.07, 0.3]], atol=1e-12, err_msg=(
+        "after a reset the last trial is forgotten"))
+
+
+# ------------------------------------------------------------------------ search
+HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
+
+@pytest.fixture
+def small_map(monkeypatch):
+    """Maps of another size: (cells on each side, turns around the circle)."""
+    def build(half, turns):
+        for name, value in ("HALF", half), ("TURNS", turns), ("TURN", 2 * math.pi / turns):
+            monkeypatch.setattr(evaluate, name, value)
+    return build
+
+def fewest_moves(moves, half):
+    """By trying everything: moves [whole cells, whole cells, quarter turns] -> V [4, x, y]."""
+    turned = ((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))
+
+    def after(k, x, y, move):
+        a, b, c, d = turned[k]
+        return (k + move[2]) % 4, x + a * move[0] + b * move[1], y + c * move[0] + d * move[1]
+
+    count, side = {(0, 0, 0): 0}, range(-half, half + 1)
+    open_ones, new = set(itertools.product(range(4), side, side)), {(0, 0, 0)}
+    while new:
+        open_ones -= new
+        new = {pose for pose in open_ones if any(after(*pose, move) in count for move in moves)}
+        count.update(dict.fromkeys(new, max(count.values()) + 1))
+    value = np.full((4, 2 * half + 1, 2 * half + 1), FAR)
+    for (k, x, y), number in count.items():
+        value[k, x + half, y + half] = number
+    return value
+
+def in_metres(moves):
+    """Moves in cells and quarter turns as moves in m, m, rad."""
+    return np.array(moves) * (evaluate.CELL, evaluate.CELL, math.pi / 2)
+
+LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
+
+def test_steps_to_go_is_the_fewest_moves(small_map):
+    small_map(half=5, turns=4)
+    truth = fewest_moves(LATTICE, half=5)
+    assert 4 < truth[truth < FAR].max() < FAR, "the brute force of this test is too easy"
+    found = evaluate.steps_to_go(in_metres(LATTICE), HERE)
+    np.testing.assert_allclose(found, truth, atol=0.01, err_msg=(
+        "V[yaw, x, y] of the robot seen from the goal: are x and y swapped, or the move turned by "
+        "−yaw? The map ends at its edge: outside, the goal is out of reach"))
+
+def test_steps_to_go_with_one_move_ahead(small_map):
+    small_map(half=6, turns=4)
+    value = evaluate.steps_to_go(np.array([[0.05, 0.0, 0.0]]), HERE)
+    line = value[0, :, 6]  # [x]: looking along +x, y = 0
+    np.testing.assert_allclose(line[:7], np.arange(6, -1, -1), atol=0.01, err_msg=(
+        "n cells behind the goal, n moves of 5 cm"))
+    np.testing.assert_allclose(line[7:], FAR, err_msg="it cannot go back")
+    assert (value < FAR).sum() == 7, "it can neither turn nor go sideways"
+    tolerant = evaluate.steps_to_go(np.array([[0.05, 0.0, 0.0]]), env.Task())
+    np.testing.assert_allclose(tolerant[0, :8, 6], [5, 4, 3, 2, 1, 0, 0, 0], atol=0.01, err_msg=(
+        "within 5 cm it has arrived, one move earlier"))
+
+ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
+                (0.06, 0.01, 0.4), (0.06, -0.01, -0.4)])  # not in whole cells
+
+def test_steps_to_go_obeys_its_equation(small_map):
+    small_map(half=12, turns=12)
+    value = evaluate.steps_to_go(ODD, env.Task())
+    k, i, j = np.meshgrid(np.arange(12), np.arange(4, 21), np.arange(4, 21), indexing="ij")
+    poses = np.stack([(i - 12) * 0.05, (j - 12) * 0.05, k * math.radians(30)], -1)
+    moved = robot_model.compose(poses[..., None, :], ODD)  # [..., A, 3]; all within the map
+    at_goal = (np.hypot(poses[..., 0], poses[..., 1]) <= 0.05 + 1e-9) & (k == 0)
+    after = np.where(at_goal, 0, np.minimum(FAR, 1 + evaluate.look_up(value, moved).min(-1)))
+    assert after.max() < FAR
+    np.testing.assert_allclose(value[k, i, j], after, atol=0.02, err_msg=(
+        "V = 1 + min over moves of V after the move: was it repeated until nothing changed?"))
+
+def test_steps_to_go_of_mirrored_moves_is_mirrored(small_map):
+    small_map(half=8, turns=12)
+    value = evaluate.steps_to_go(ODD, env.Task())
+    mirrored = value[-np.arange(12) % 12][:, :, ::-1]  # yaw and y change their signs
+    np.testing.assert_allclose(value, mirrored, atol=0.02, err_msg=(
+        "left and right can do the same, so they are equally far"))
+
+def test_look_up_is_linear_between_cells(small_map):
+    small_map(half=3, turns=8)
+    rng = np.random.default_rng(0)
+    value = rng.uniform(0, 9, (8, 7, 7))
+    poses = np.array([[(i - 3) * 0.05, (j - 3) * 0.05, k * math.pi / 4]
+                      for k, i, j in np.ndindex(8, 7, 7)])
+    np.testing.assert_allclose(evaluate.look_up(value, poses).reshape(8, 7, 7), value, atol=1e-3,
+                               err_msg="on a cell V is that of the cell: value[yaw, x, y]")
+    middle = evaluate.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
+    assert middle == pytest.approx(value[:2, 3:5, 2:4].mean()), "the mean of the eight corners"
+    x, y = rng.uniform(-0.14, 0.14, (2, 50))
+    plane = np.tile(np.arange(7)[:, None] * 2.0 - np.arange(7), (8, 1, 1))
+    found = evaluate.look_up(plane, np.stack([x, y, rng.uniform(-9, 9, 50)], -1))
+    np.testing.assert_allclose(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-9, err_msg=(
+        "a slanted plane has no corners to be cut"))
+
+def test_look_up_closes_the_circle_of_yaws(small_map):
+    small_map(half=1, turns=8)
+    value = np.tile(np.arange(8.0)[:, None, None], (1, 3, 3))
+    for yaw, expected in ((315, 7), (337.5, 3.5), (-22.5, 3.5), (359.9999, 0), (360, 0), (-90, 6),
+                          (-45 - 720, 7)):
+        found = evaluate.look_up(value, np.array([0, 0, math.radians(yaw)]))
+        assert found == pytest.approx(expected, abs=1e-4), f"{yaw}°: after the last yaw, the first"
+
+def test_double_steps_favour_no_side_and_can_be_asked_for():
+    steps = evaluate.double_steps(LIMITS)
+    assert not steps[0].any(), "the first one is in place"
+    twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
+    np.testing.assert_allclose(twice, steps, atol=1e-12, err_msg=(
+        "what was searched is what will be walked: within the limits, and their sum (`within`)"))
+    every = {tuple(step.ravel().round(9) + 0.0) for step in steps}
+    mirrored = {tuple(step[::-1].ravel().round(9) + 0.0) for step in steps}
+    assert every == mirrored, "what the left foot can, the right foot can: swap the two rows"
+    assert len(every) == len(steps) == 281, "8 · 5 · 7, and in place; each once"
+    half = evaluate.double_steps(LIMITS, 0.5)
+    assert np.abs(half[..., 0]).max() == pytest.approx(0.09), "half of 18 cm"
+
+def test_displacements_are_those_of_a_steady_walk(monkeypatch):
+    """A walk by heart: twice slow, then as asked, on a curve; the second one falls at last."""
+    moves = np.array([[0.2, 0.0, 0.3], [0.1, -0.1, 0.0]])
+
+    def walk(sim, parameters, footsteps):
+        assert footsteps.shape == (2, 6, 2, 3), "each double step six times"
+        poses = np.zeros((2, 7, 3))
+        for k in range(6):
+            poses[:, k + 1] = robot_model.compose(poses[:, k], moves * (1 if k > 1 else 0.3))
+        return poses, poses, np.array([6, 5])
+
+    monkeypatch.setattr(env.walk_engine, "walk", walk)
+    found, stood = evaluate.displacements("pymunk", evaluate.double_steps(LIMITS)[:2])
+    np.testing.assert_allclose(found, moves, atol=1e-12, err_msg=(
+        "from the third on, each seen from where the robot was and looked before"))
+    assert stood.tolist() == [True, False]
+
+@pytest.fixture
+def lattice_planner(small_map):
+    """Builds a SearchPlanner on LATTICE moves, whose actions differ by 0.2 from one to the next."""
+    def build(change):
+        small_map(half=9, turns=4)
+        actions = NEUTRAL + 0.2 * np.arange(len(LATTICE))[:, None] * (1, 0, 0, 0, 0, 0)
+        moves = in_metres(LATTICE)
+        planner = evaluate.SearchPlanner(np.zeros((len(LATTICE), 2, 3)), moves,
+                                         evaluate.steps_to_go(moves, HERE), LIMITS, change)
+        planner.actions = actions
+        planner.reset(1)
+        return planner
+    return build
+
+def decision(planner, pose, view=STANDS):
+    """Which move it takes there; pose [3] of the robot seen from the goal."""
+    goal = robot_model.relative(np.array([pose]), np.zeros(3))
+    action, = planner.act(view, np.array([0]), goal)
+    return int(np.abs(planner.actions - action).max(-1).argmin())
+
+def test_search_arrives_after_as_many_steps_as_it_promised(lattice_planner):
+    planner = lattice_planner(change=1.0)
+    truth = fewest_moves(LATTICE, half=9)
+    for k, x, y in itertools.product(range(4), (-4, -1, 0, 3), (-3, 0, 1, 4)):
+        pose, promised = in_metres((x, y, k)), round(truth[k, x + 9, y + 9])
+        for _ in range(promised):
+            pose = robot_model.compose(pose, planner.moves[decision(planner, pose)])
+        np.testing.assert_allclose(robot_model.compose(np.zeros(3), pose)[:2], 0, atol=1e-9,
+                                   err_msg=f"not there after {promised} moves")
+        assert env.wrap(pose[2]) == pytest.approx(0, abs=1e-9)
+
+def test_search_stays_at_the_goal(lattice_planner):
+    planner = lattice_planner(change=1.0)
+    planner.value = evaluate.steps_to_go(planner.moves, env.Task())  # 5 cm are enough
+    assert decision(planner, (0.0, 0.0, 0.0)) == 0
+    assert decision(planner, (-0.05, 0.0, 0.0)) == 0, "arrived: one more move ahead wins nothing"
+
+def test_search_respects_the_largest_change(lattice_planner):
+    behind = (-0.2, 0.0, 0.0)  # four cells, best is to go: 0.2 from standing
+    assert decision(lattice_planner(change=0.25), behind) == 1
+    assert decision(lattice_planner(change=0.15), behind) == 0, "too different: do as before"
+    planner = lattice_planner(change=0.15)
+    last = view_of(planner.actions[3])
+    assert decision(planner, (0.0, 0.0, 0.0), last) == 3, "at the goal, but it cannot stop at once"
+    assert decision(lattice_planner(change=1.0), (0.0, 0.0, 0.0), last) == 0
+
+def test_search_walks_on_beyond_its_map(lattice_planner):
+    planner = lattice_planner(change=1.0)
+    for metres in (0.5, 1.0, 9.0):  # the map ends at 0.45 m
+        assert decision(planner, (-metres, 0.0, 0.0)) in (1, 3), (
+            f"the goal is {metres} m ahead, and it steps on the spot until the time is up")
+
+def table_of_search():
+    """(steps, moves, V) as large as the real ones, for a robot that does as it is told."""
+    steps = evaluate.double_steps(LIMITS)
+    moves = np.stack([steps[:, :, 0].sum(1), steps[:, 0, 1] - steps[:, 1, 1],
+                      steps[:, 0, 2] - steps[:, 1, 2]], -1)
+    axis, yaw = 0.05 * np.arange(-64, 65), env.wrap(np.radians(10) * np.arange(36))
+    value = np.hypot(axis[:, None], axis) / 0.25 + np.abs(yaw)[:, None, None] / 0.3  # [36, x, y]
+    return steps, moves, np.minimum(value, FAR)
+
+def save_search(path, sim="pymunk"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    evaluate.save_search(path, sim, 0.75, 0.35, table_of_search())
+    return path
+
+def test_the_file_of_a_search_is_small_and_exact_enough(tmp_path):
+    path, (steps, moves, value) = save_search(tmp_path / "search.npz"), table_of_search()
+    assert path.stat().st_size <= 500_000, "it is shipped: half a megabyte"
+    assert [file.name for file in tmp_path.iterdir()] == ["search.npz"]
+    planner, about = evaluate.load_search(path, "pymunk")
+    assert planner.value.shape == value.shape
+    assert np.abs(planner.value - value).max() <= 0.05, "V in twentieths of a double step"
+    np.testing.assert_array_equal(planner.moves, moves)
+    np.testing.assert_allclose(env.to_footsteps(planner.actions, LIMITS), steps, atol=1e-12)
+    assert planner.change == 0.35
+    assert about == {"file": path.as_posix(), "factor": 0.75, "change": 0.35}
 
 
 # ------------------------------------------------------------------------ statistics
@@ -198,9 +437,12 @@ def test_wilson_interval_covers_the_truth_95_times_in_100():
     assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
 
 def trials(outcomes, times, still_there=None):
-    reached = np.array(outcomes) == "success"
-    return {"outcome": np.array(outcomes), "time": np.array(times, float),
-            "still_there": reached if still_there is None else np.array(still_there)}
+    """Without still_there: all successes are. Somebody times out who was there once, after 8 s."""
+    reached, times = np.array(outcomes) == "success", np.array(times, float)
+    once = np.where(reached, times, 8.0 * (np.array(outcomes) == "timeout"))
+    return {"outcome": np.array(outcomes), "time": times,
+            "still_there": reached if still_there is None else np.array(still_there),
+            "reached_once": once > 0, "time_once": once}
 
 def test_time_ratio_uses_only_goals_that_both_reached():
     ours = trials(["success", "success", "fall"], [5, 10, 1])
@@ -224,41 +466,86 @@ def test_time_ratio_s_interval_covers_the_truth():
 
 def test_summary_counts_episodes_and_times_successes():
     four = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
-    row = evaluate.summary("policy", False, four, env.Task())
+    row = evaluate.summary("policy", False, 0.5, four, env.Task())
     assert (row["success"], row["fall"], row["timeout"]) == (0.5, 0.25, 0.25)
     assert row["success_ci95"] == [round(edge, 4) for edge in evaluate.wilson(2, 4)]
     assert (row["time_mean"], row["time_std"]) == (5, 1), "a mean over the successes only"
     assert row["still_there"] == 0.5, "a share of the successes, not of the episodes"
-    assert "noise_m" not in row and evaluate.summary("p", True, four, env.Task())["noise_m"] == 0.05
+    assert row["reached_once"] == 0.75, "by the paper's rule: at the goal after one double step"
+    assert row["time_once_mean"] == 6, "(4 + 6 + 8) / 3 s, of all who were there once"
+    assert row["time_once_std"] == pytest.approx(math.sqrt(8 / 3), abs=1e-3)
+    assert (row["goal_std_m"], row["episodes"]) == (0.5, 4)
+    noisy = evaluate.summary("policy", True, None, four, env.Task())
+    assert "noise_m" not in row and noisy["noise_m"] == 0.05 and noisy["goal_std_m"] is None
 
 def test_summary_without_a_success_is_valid_json():
-    row = evaluate.summary("policy", True, trials(["fall", "timeout"], [1, 100]), env.Task())
-    assert row["success"] == 0 and row["fall"] == row["timeout"] == 0.5
-    assert row["time_mean"] is row["still_there"] is None, "no success: no mean, and not 0 or nan"
+    falls = trials(["fall", "fall"], [1, 100])
+    row = evaluate.summary("policy", True, env.Task().goal_std_m, falls, env.Task())
+    assert row["success"] == row["reached_once"] == 0 and row["fall"] == 1
+    for name in ("time_mean", "time_std", "time_once_mean", "time_once_std", "still_there"):
+        assert row[name] is None, f"{name}: no success: no mean, and not 0 or nan"
     json.dumps(row, allow_nan=False)
     assert "none" in evaluate.table([row], [])
 
-def test_ratios_compare_policies_with_baselines_under_the_same_noise():
+def test_ratios_compare_every_pair_under_the_same_noise_and_spread():
     fast, slow = trials(["success"] * 2, [4, 6]), trials(["success"] * 2, [8, 12])
     never = trials(["timeout"] * 2, [100, 100])
-    runs = {("policy", False): fast, ("policy_imu", False): never, ("baseline", False): slow,
-            ("baseline_tuned", False): fast, ("policy", True): slow, ("baseline", True): slow}
-    found = {(r["planner"], r["reference"], r["noise"]): r["time_ratio"]
+    runs = {("policy", False, 0.5): fast, ("policy_imu", False, 0.5): never,
+            ("baseline", False, 0.5): slow, ("search", False, 0.5): fast,
+            ("policy", True, 0.5): slow, ("baseline", True, 0.5): slow,
+            ("policy", False, 1.0): slow, ("search", False, 1.0): fast,
+            ("policy", False, None): fast}
+    found = {(r["planner"], r["reference"], r["noise"], r["goal_std_m"]): r["time_ratio"]
              for r in evaluate.compare(runs)}
-    assert found == {("policy", "baseline", False): 0.5, ("policy", "baseline_tuned", False): 1.0,
-                     ("policy", "baseline", True): 1.0}, "policy_imu reached nothing: no ratio"
+    assert found == {
+        ("policy", "baseline", False, 0.5): 0.5, ("baseline", "policy", False, 0.5): 2.0,
+        ("policy", "search", False, 0.5): 1.0, ("search", "policy", False, 0.5): 1.0,
+        ("search", "baseline", False, 0.5): 0.5, ("baseline", "search", False, 0.5): 2.0,
+        ("policy", "baseline", True, 0.5): 1.0, ("baseline", "policy", True, 0.5): 1.0,
+        ("policy", "search", False, 1.0): 2.0, ("search", "policy", False, 1.0): 0.5}, (
+            "policy_imu reached nothing: no ratio; and nobody else met the goals of None")
 
-def test_table_has_the_paper_s_row_below_ours():
-    four = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
-    rows = [evaluate.summary(name, True, four, env.Task()) for name in ("policy", "policy_imu")]
-    lines = [line.strip("|").split("|") for line in evaluate.table(rows, []).splitlines()[:5]]
-    cells = [[cell.strip() for cell in line] for line in lines]
-    assert {len(line) for line in cells} == {8}, "every row has a cell for every column"
-    assert [line[2] for line in cells[2:]] == ["ours", "paper", "ours"], "the paper had no IMU"
-    assert cells[2] == ["yes", "policy", "ours", "0.500 [0.150, 0.850]", "0.250", "0.250",
-                        "5.00 ± 1.00", "0.500"]
-    assert cells[3][3:7] == ["0.978", "0.000", "0.022", "6.35 ± 2.23"], "Table II, with noise"
-    assert "paper" not in evaluate.table(rows, [], {})
+FOUR = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
+
+def row_of(planner, noise, std):
+    return evaluate.summary(planner, noise, std, FOUR, env.Task())
+
+def tables_in(text):
+    """The cells [table, row, column] of Markdown tables, without the line below each head."""
+    blocks = [block.splitlines() for block in text.split("\n\n")]
+    tables = [[[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+              for lines in blocks if lines[0].startswith("|")]
+    return [[head, *rows] for head, _, *rows in tables]
+
+def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
+    near = [row_of(name, True, 0.5) for name in ("policy", "policy_imu")]
+    others = [row_of("policy", True, 1.0), row_of("policy", True, None)]
+    ours, once = tables_in(evaluate.table(near + others, []))
+    for table in (ours, once):
+        assert len({len(line) for line in table}) == 1, "every row has a cell for every column"
+    assert [line[:3] for line in ours[1:]] == [
+        ["0.5 m", "yes", "policy"], ["0.5 m", "yes", "policy_imu"], ["1.0 m", "yes", "policy"],
+        ["own", "yes", "policy"]]
+    assert ours[1][3:] == ["0.500 [0.150, 0.850]", "0.250", "0.250", "5.00 ± 1.00", "0.500"]
+    assert "paper" not in str(ours), "its success means something else: not in the same column"
+    assert once[1:] == [
+        ["yes", "policy", "ours", "0.750", "", "", "6.00 ± 1.63"],
+        ["", "", "paper", "0.978", "0.000", "0.022", "6.35 ± 2.23"]], (
+            "Table II, with noise, below ours by the paper's rule; of an IMU, of goals twice as "
+            "far and of yours it says nothing")
+    assert len(tables_in(evaluate.table(near, [], {}))) == 1
+    assert len(tables_in(evaluate.table(others, []))) == 1
+
+def test_table_ends_with_the_ratios_of_the_policies():
+    ratio = {"planner": "policy", "reference": "search", "noise": True, "goal_std_m": 1.0,
+             "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6]}
+    other = ratio | {"planner": "search", "reference": "policy", "time_ratio": 2.0}
+    text = evaluate.table([row_of("policy", True, 1.0)], [ratio, other])
+    lines = [line for line in text.splitlines() if line.startswith("- ")]
+    assert lines == ["- policy / search, σ = 1.0 m, with noise: 0.500 [0.400, 0.600], 7 goals"], (
+        "the ratios of search are in evaluation.json")
+    mine = evaluate.table([row_of("policy", True, None)], [ratio | {"goal_std_m": None}])
+    assert "None" not in mine, "your own goals have no σ: say `own`, as the table above does"
 
 
 # ------------------------------------------------------------------------ trials
@@ -268,70 +555,153 @@ class Recorder:
     def reset(self, num_robots):
         self.measured = []
 
-    def act(self, world, robots, measured):
+    def act(self, view, robots, measured):
         self.measured.append(measured.copy())
-        return np.tile(world.neutral_action, (len(robots), 1))
+        return np.tile(view.neutral_action, (len(robots), 1))
 
 class Wild(Recorder):
     """A planner that behaves differently."""
 
-    def act(self, world, robots, measured):
-        super().act(world, robots, measured)
+    def act(self, view, robots, measured):
+        super().act(view, robots, measured)
         return np.tile([0.7, 0.3, 0.5, 0.7, 0.3, 0.5], (len(robots), 1))
+
+class Hasty(Recorder):
+    """As long a step as it can, forward or backward to where it believes the goal, until it falls.
+    """
+
+    def act(self, view, robots, measured):
+        actions = super().act(view, robots, measured)
+        actions[:, [0, 3]] = measured[:, :1] > 0
+        return actions
 
 SHORT = env.Task(time_limit=2.0)  # three decisions are enough
 
 @pytest.fixture(scope="module")
 def world():
-    world = env.FootstepWorld(10, cores=1, task=SHORT)
+    world = env.FootstepWorld(16, cores=1, task=SHORT)
     yield world
     world.close()
 
-def first_noise(planner, world, goals):
-    evaluate.evaluate(planner, world, goals, seed=3, noise=True)
-    noise = planner.measured[0] - goals
+def to(goals):
+    """Trials with these goals [n, 3]."""
+    return replace(evaluate.draw_trials(0, len(goals)), goals=np.array(goals, float))
+
+def first_noise(planner, world, asked):
+    evaluate.evaluate(planner, world, asked, noise=True)
+    noise = planner.measured[0] - asked.goals
     noise[:, 2] = env.wrap(noise[:, 2])
     return noise
 
+def bodies(world, count):
+    """What makes the first robots differ: masses, gains of the motors, delays."""
+    return np.column_stack([world.sim.masses, world.sim.gain, world.sim.delay])[:count].copy()
+
 def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
-    goals = env.draw_goals(env.stream("evaluation", 3), 6)
-    np.testing.assert_array_equal(goals[:2], env.draw_goals(env.stream("evaluation", 3), 2))
-    noise = first_noise(Recorder(), world, goals)
+    six, two = evaluate.draw_trials(3, 6), evaluate.draw_trials(3, 2)
+    np.testing.assert_array_equal(six.goals[:2], two.goals)
+    noise = first_noise(Recorder(), world, six)
     hint = "one generator per goal and one `world.measure` per decision"
-    np.testing.assert_array_equal(noise, first_noise(Wild(), world, goals), err_msg=hint)
-    np.testing.assert_array_equal(noise[:2], first_noise(Recorder(), world, goals[:2]), hint)
+    np.testing.assert_array_equal(noise, first_noise(Wild(), world, six), err_msg=hint)
+    np.testing.assert_array_equal(noise[:2], first_noise(Recorder(), world, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
-    drawn = (goals / [1, 1, math.pi / 2])[0]
+    drawn = (six.goals / [1, 1, math.pi / 2])[0]
     assert not np.allclose(noise[0] / 0.05, drawn), "goals and noise come from the same generator"
+    other = first_noise(Recorder(), world, replace(six, purpose="tuning"))
+    assert not np.isclose(noise, other).any(), "nobody is tuned on what will be evaluated"
+
+def test_far_trials_are_near_ones_with_the_goal_twice_as_far(world):
+    near, far = evaluate.draw_trials(3, 6), evaluate.draw_trials(3, 6, far=True)
+    np.testing.assert_allclose(far.goals, near.goals * (2, 2, 1), err_msg="σ = 1 m, not 0.5 m")
+    noise, body, ground = first_noise(Recorder(), world, near), bodies(world, 6), world.friction[:6]
+    ground = ground.copy()
+    np.testing.assert_allclose(first_noise(Recorder(), world, far), noise, atol=1e-12)
+    np.testing.assert_array_equal(world.friction[:6], ground, "only the goal may differ")
+    np.testing.assert_array_equal(bodies(world, 6), body, "only the goal may differ")
+    assert len(np.unique(body[:, 0])) == 6, "every trial has a body of its own"
+
+def test_friction_is_drawn_for_every_trial_or_the_same_for_all(world):
+    drawn = evaluate.evaluate(Recorder(), world, evaluate.draw_trials(3, 6))["friction"]
+    model, spread = world.engine.robot.friction, world.spread.friction
+    assert len(np.unique(drawn)) == 6 and (np.abs(drawn - model) <= spread).all()
+    body, asked = bodies(world, 6), evaluate.draw_trials(3, 6, friction=0.45)
+    assert (evaluate.evaluate(Recorder(), world, asked)["friction"] == 0.45).all()
+    ground = [shape.friction for space in world.sim.spaces[:6]
+              for shape in space.static_body.shapes]
+    assert ground == [0.45] * 6, "the simulator must know of it"
+    np.testing.assert_array_equal(bodies(world, 6), body, "the bodies remain those that were drawn")
+
+@pytest.mark.parametrize("noise", [False, True])
+@pytest.mark.parametrize("settings", [{}, {"far": True}, {"friction": 0.9}], ids=str)
+def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypatch, noise,
+                                                      settings):
+    monkeypatch.setattr(world, "task", env.Task(time_limit=7.0))  # time enough to fall
+    path, asked = tmp_path / "trials.csv", evaluate.draw_trials(5, 8, **settings)
+    first = evaluate.evaluate(Hasty(), world, asked, noise)
+    ends = world.pose[:8].copy()
+    assert len(np.unique(ends[:, 0])) == 8, "every trial should end elsewhere"
+    evaluate.write_trials(path, {0.5: asked}, {(name, noise, 0.5): first for name in "ab"})
+    head, *lines = path.read_text().splitlines()
+    chosen = [6, 1, 2, 7]
+    path.write_text("\n".join([head, *(lines[i] for i in chosen), lines[8 + 1]]))  # 1 of b, too
+    again = evaluate.read_trials(path, seed=0, friction=np.nan)
+    assert again.number.tolist() == chosen, "as in the file, a trial of several planners once"
+    np.testing.assert_array_equal(again.goals, asked.goals[chosen], "to the last bit")
+    second = evaluate.evaluate(Hasty(), world, again, noise)
+    for name, values in first.items():
+        np.testing.assert_array_equal(second[name], values[chosen], err_msg=(
+            f"{name}: a trial is its goal, seed, number and μ, not its line in the file"))
+    np.testing.assert_array_equal(world.pose[:4], ends[chosen], "to the last bit")
 
 def test_outcomes_are_exclusive_and_deterministic(world):
-    goals = np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])  # where it stands; too far for 2 s
-    runs = [evaluate.evaluate(evaluate.BaselinePlanner(), world, goals) for _ in range(2)]
+    asked = to([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])  # where it stands; too far for 2 s
+    runs = [evaluate.evaluate(evaluate.BaselinePlanner(), world, asked) for _ in range(2)]
     assert runs[0]["outcome"].tolist() == ["success", "timeout"]
     assert runs[0]["still_there"].tolist() == [True, False], "only a success can be still there"
-    assert runs[0]["time"][0] == pytest.approx(world.engine.period), "a step is counted twice"
-    assert runs[0]["steps"].tolist() == [1, 3], "1.68 s are three double steps; a fourth is late"
+    assert runs[0]["time"][0] == pytest.approx(PERIOD), "that of the first of the two at the goal"
+    assert runs[0]["steps"].tolist() == [2, 3], "three double steps fit into 2 s; a fourth is late"
     for key in runs[0]:
         np.testing.assert_array_equal(runs[0][key], runs[1][key], err_msg="same seed, same numbers")
+
+def test_a_planner_that_scribbles_into_its_view_changes_nothing(world):
+    class Scribbler(Wild):
+        def act(self, view, robots, measured):
+            actions = super().act(view, robots, measured)
+            for array in (view.neutral_action, view.actions, view.observation, measured):
+                array[:] = 0.9
+            return actions
+
+    asked, runs = to(np.zeros((4, 3))), []
+    for planner in (Wild(), Scribbler()):
+        result = evaluate.evaluate(planner, world, asked, noise=True)
+        runs.append([*result.values(), world.pose[:4].copy(), world.actions[:4].copy(),
+                     world.goal[:4].copy(), world.neutral_action.copy(), *planner.measured])
+    for honest, scribbled in zip(*runs):
+        np.testing.assert_array_equal(honest, scribbled, "a View holds copies, not the world")
 
 AWAY, NEARBY, TWISTED = (0.5, 0, 0), (0.06, 0, 0), (0, 0, math.radians(11))
 THERE = (0.02, -0.03, math.radians(9))  # 3.6 cm and 9° from the goal: inside
 FALLS = "falls"
-ENDINGS = {  # poses after each double step, seen from the goal; is it still there?
-    "stays": ((THERE, THERE, THERE), True),
-    "arrives later": ((AWAY, THERE, THERE, THERE), True),
-    "sways and returns": ((THERE, NEARBY, THERE), True),
-    "rolls on by 6 cm": ((THERE, THERE, NEARBY), False),
-    "turns on by 11°": ((THERE, THERE, TWISTED), False),
-    "falls at once": ((THERE, FALLS, THERE), False),
-    "falls at last": ((THERE, THERE, FALLS), False),
-    "falls before it arrives": ((AWAY, FALLS, THERE), False),
-    "arrives too late": ((AWAY, AWAY, AWAY, THERE), False),
-    "lies at the goal": ((FALLS, THERE, THERE), False),
+ENDINGS = {  # poses after each double step, seen from the goal; which one was the first inside?
+    "stays": ((THERE, THERE, THERE, THERE), 1),
+    "arrives later": ((AWAY, THERE, THERE, THERE, THERE), 2),
+    "sways and returns": ((THERE, THERE, NEARBY, THERE), 1),
+    "rolls on by 6 cm": ((THERE, THERE, THERE, NEARBY), 1),
+    "turns on by 11°": ((THERE, THERE, THERE, TWISTED), 1),
+    "falls afterwards": ((THERE, THERE, FALLS, THERE), 1),
+    "falls at last": ((THERE, THERE, THERE, FALLS), 1),
+    "passes by": ((THERE, AWAY, THERE), 1),
+    "arrives too late": ((AWAY, AWAY, THERE, THERE), 3),
+    "never arrives": ((AWAY, NEARBY, TWISTED, THERE), 0),
+    "falls before it arrives": ((AWAY, FALLS, THERE), 0),
+    "falls instead of staying": ((THERE, FALLS, THERE), 1),
+    "lies at the goal": ((FALLS, THERE, THERE), 0),
 }
+STILL_THERE = ("stays", "arrives later", "sways and returns")
 
-def test_still_there_means_inside_and_standing_after_two_more_double_steps(world, monkeypatch):
-    """Physics by heart, and a look at every double step that the world is asked for."""
+@pytest.fixture
+def endings(world, monkeypatch):
+    """Trials with physics by heart; and a look at every double step that the world is asked for."""
     done, asked, step = np.zeros(len(ENDINGS), int), [], world.step
 
     def run(trajectory, robots):
@@ -349,13 +719,27 @@ def test_still_there_means_inside_and_standing_after_two_more_double_steps(world
     monkeypatch.setattr(world.sim, "run", run)
     monkeypatch.setattr(world, "step", watched_step)
     planner = Wild()
-    found = evaluate.evaluate(planner, world, np.zeros((len(ENDINGS), 3)), noise=True)
-    for i, (name, (_, still_there)) in enumerate(ENDINGS.items()):
-        assert found["still_there"][i] == still_there, f"{name}: {found['outcome'][i]}"
-    assert found["outcome"].tolist() == ["success"] * 7 + ["fall", "timeout", "fall"]
-    assert found["steps"].tolist() == [1, 2, *[1] * 5, 2, 3, 1], (
-        "steps and time end with the trial, not with the two double steps after it")
-    np.testing.assert_allclose(found["time"], found["steps"] * world.engine.period)
+    found = evaluate.evaluate(planner, world, to(np.zeros((len(ENDINGS), 3))), noise=True)
+    return found, asked, planner
+
+def test_success_is_to_be_inside_twice_in_a_row(endings, world):
+    found, _, _ = endings
+    assert found["outcome"].tolist() == ["success"] * 7 + ["timeout"] * 3 + ["fall"] * 3
+    assert found["steps"].tolist() == [2, 3, *[2] * 5, 3, 3, 3, 2, 2, 1], (
+        "they end with the trial, not with the two double steps after it")
+    first = np.array([number for _, number in ENDINGS.values()])  # 0: never inside
+    ended = np.where(found["outcome"] == "success", first, found["steps"])
+    np.testing.assert_allclose(found["time"], ended * world.engine.period, err_msg=(
+        "a success has the time of the first of the two double steps"))
+    np.testing.assert_array_equal(found["reached_once"], first > 0, err_msg=(
+        "by the paper's rule: once inside, whatever comes then; a fall is not inside"))
+    np.testing.assert_allclose(found["time_once"], first * world.engine.period)
+    assert found["reached_once"].sum() > (found["outcome"] == "success").sum()
+
+def test_still_there_means_inside_and_standing_after_two_more_double_steps(endings, world):
+    found, asked, planner = endings
+    for name, outcome, still_there in zip(ENDINGS, found["outcome"], found["still_there"]):
+        assert still_there == (name in STILL_THERE), f"{name}: {outcome}"
     (first, robots), (second, standing) = asked[-2:]
     assert robots == list(range(7)), "every success is watched for two more double steps"
     assert standing == [0, 1, 2, 3, 4, 6], "who fell meanwhile does not walk on"
@@ -367,14 +751,14 @@ def test_still_there_means_inside_and_standing_after_two_more_double_steps(world
 @pytest.mark.parametrize("action", [np.full((2, 6), np.nan), np.zeros((2, 5)), np.zeros((1, 6))])
 def test_a_planner_that_returns_nonsense_is_told(world, action):
     class Broken(Recorder):
-        def act(self, world, robots, measured):
+        def act(self, view, robots, measured):
             return action
 
     with pytest.raises(ValueError, match=r"^actions must be finite .* \(2, 6\)"):
-        evaluate.evaluate(Broken(), world, np.zeros((2, 3)))
+        evaluate.evaluate(Broken(), world, to(np.zeros((2, 3))))
 
 def test_the_recorded_walk_is_the_measured_one(world):
-    walk, = evaluate.record(Recorder(), world, np.array([[1.0, 0.0, 0.0]]))
+    walk, = evaluate.record(Recorder(), world, to([[1.0, 0.0, 0.0]]))
     steps = len(walk["feet"])
     ticks = steps * 2 * world.engine.half_ticks
     assert walk["torso"].shape == (ticks, 6) and walk["joints"].shape == (ticks, 12)
@@ -392,11 +776,26 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
         return robot_model.Motion(torso, trajectory.joints[:, 1:], np.zeros((1, 3)), nobody)
 
     monkeypatch.setattr(world.sim, "run", run)
-    walk, = evaluate.record(Wild(), world, np.array([[3.0, 0.0, 0.0]]))
+    walk, = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     np.testing.assert_allclose(walk["feet"][-1], planned, atol=1e-6, err_msg=(
         "left and right: x, y of the ankle's projection [m], yaw [rad]"))
+
+
+@pytest.mark.parametrize("imu, seen", [(False, 20), (True, 25)])
+def test_the_policy_does_what_its_mode_says_about_what_it_sees(imu, seen):
+    torch.manual_seed(0)
+    model, view = ppo.ActorCritic(seen, 6), view_of(NEUTRAL, NEUTRAL)
+    view.observation[:] = np.random.default_rng(0).uniform(-1, 1, view.observation.shape)
+    planner = evaluate.PolicyPlanner(model, imu)
+    planner.reset(2)
+    found = planner.act(view, np.arange(2), np.zeros((2, 3)))
+    with torch.no_grad():
+        pi = model.policy(torch.as_tensor(view.observation[:, :seen])).base_dist
+        a, b = pi.concentration1, pi.concentration0
+    np.testing.assert_allclose(found, (a - 1) / (a + b - 2), atol=1e-6, err_msg=(
+        "the mode of a Beta distribution: (α − 1) / (α + β − 2); the IMU's rows are the last ones"))
 
 
 # ------------------------------------------------------------------------ files
@@ -410,9 +809,9 @@ def save_untrained(path, sim="pymunk", imu=False, steps=10, **fits):
                                   "minutes": 0.1, "seed": 0})
     return path
 
-def save_tuned(path, **changed):
+def save_tuned(path, sim="pymunk", **changed):
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"sim": "pymunk", "settings": asdict(OTHER) | changed}))
+    path.write_text(json.dumps({"fits": env.fingerprint(sim), "settings": asdict(OTHER) | changed}))
 
 def run_main(*arguments):
     """Exit code of the script, run in this process."""
@@ -430,17 +829,40 @@ def refused(capsys, *arguments):
 @pytest.mark.parametrize("text, line", [
     ("x,y,yaw\n1,2,3\n1,two,3\n", 3), ("x,y,yaw\n1,nan,3\n", 2), ("x,y,yaw\n\n1,2,inf\n", 3),
     ("x,y,yaw\n1,2\n", 2), ("x,y,yaw\n1,2,3,4\n", 2), ("x,y\n1,2\n", 1), ("", 1), ("1,2,3\n", 1),
-    ("x,y,yaw\n", 1), ("x,y,yaw\n1,2,\n", 2)])
+    ("x,y,yaw\n", 1), ("x,y,yaw\n1,2,\n", 2), ("x,y,yaw,mu\n1,2,3,1\n1,2,3,-1\n", 3),
+    ("x,y,yaw,mu\n1,2,3,nan\n", 2), ("x,y,yaw,mu\n1,2,3,ice\n", 2), ("x,y,yaw,mu\n1,2,3\n", 2),
+    ("x,y,yaw,trial\n1,2,3,1.5\n", 2), ("x,y,yaw,seed\n1,2,3,-1\n", 2),
+    ("x,y,yaw,seed\n1,2,3,1e300\n", 2)])
 def test_a_malformed_goals_file_names_the_line(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("goals.csv").write_text(text)
     message = refused(capsys, "--goals", "goals.csv")
     assert f"goals.csv, line {line}: " in message, f"{text!r}: line {line} is the wrong one"
 
+def read(path, text, seed=5, friction=np.nan):
+    """The Trials of a file with that text."""
+    path.write_bytes(text.encode())
+    return evaluate.read_trials(path, seed, friction)
+
 def test_goals_file_is_read_whatever_wrote_it(tmp_path):
-    path = tmp_path / "goals.csv"
-    path.write_bytes("\ufeffname, X ,y,yaw\r\na,1,-2.5,7\r\n\r\n".encode())  # as a spreadsheet does
-    np.testing.assert_allclose(evaluate.read_goals(path), [[1, -2.5, 7 - 2 * math.pi]])
+    text = "\ufeffname, X ,y,yaw\r\na,1,-2.5,7\r\n\r\n"  # as a spreadsheet does
+    np.testing.assert_allclose(read(tmp_path / "goals.csv", text).goals,
+                               [[1, -2.5, 7 - 2 * math.pi]])
+
+def test_plain_goals_are_trials_of_this_seed_line_by_line(tmp_path):
+    found = read(tmp_path / "goals.csv", "x,y,yaw\n1,2,0.5\n1,2,0.5\n0,0,0\n")
+    assert (found.seed.tolist(), found.number.tolist()) == ([5, 5, 5], [0, 1, 2]), (
+        "the same goal twice is two trials, with another ground and body each")
+    assert np.isnan(found.friction).all(), "to be drawn"
+
+def test_lines_that_name_their_trial_are_that_trial(tmp_path):
+    text = ("planner,seed,trial,x,y,yaw,mu\npolicy,3,7,1,2,0.5,0.8\npolicy,3,2,0,1,0,0.9\n"
+            "baseline,3,7,1,2,0.5,0.8\nbaseline,4,7,1,2,0.5,0.8\n")
+    found = read(tmp_path / "trials.csv", text)
+    assert found.seed.tolist() == [3, 3, 4] and found.number.tolist() == [7, 2, 7], "each once"
+    assert found.friction.tolist() == [0.8, 0.9, 0.8] and found.purpose == "evaluation"
+    assert read(tmp_path / "trials.csv", text, friction=0.4).friction.tolist() == [0.4] * 3, (
+        "--friction: what the user says goes before what the file says")
 
 def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -490,6 +912,75 @@ def test_a_damaged_tuned_baseline_is_one_line(damage, tmp_path, monkeypatch, cap
     assert "baseline_tuned.json" in message, f"{damage}: name the file: {message}"
     assert not Path("out").exists(), "check everything first, then write"
 
+def npz(**changed):
+    """A search.npz with other contents; None: without it."""
+    def write(path):
+        with np.load(path) as stored:
+            content = dict(stored) | changed
+        np.savez_compressed(path, **{key: v for key, v in content.items() if v is not None})
+    return write
+
+FITS = env.fingerprint("pymunk")
+DAMAGED_SEARCH = {
+    "empty": lambda path: path.write_bytes(b""),
+    "a text": lambda path: path.write_text("no table"),
+    "cut off": lambda path: path.write_bytes(path.read_bytes()[:20_000]),
+    "no moves": npz(moves=None),
+    "nothing about it": npz(about=None),
+    "about is no JSON": npz(about="{"),
+    "about is a list": npz(about="[]"),
+    "fits is a list": npz(about='{"fits": [], "factor": 1, "change": 1}'),
+    "factor is missing": npz(about=json.dumps({"fits": FITS, "change": 1})),
+    "an object": npz(moves=np.array([{}], object)),
+    "of another map": npz(parts=np.zeros((4, 9, 9), np.int16)),
+    "fewer moves than steps": npz(moves=np.zeros((3, 3))),
+    "moves to nowhere": npz(moves=np.full((281, 3), np.nan)),
+    "a change in words": npz(about=json.dumps({"fits": FITS, "factor": 1, "change": "a bit"})),
+}
+
+@pytest.mark.parametrize("damage", DAMAGED_SEARCH)
+def test_a_damaged_search_is_one_line(damage, tmp_path):
+    path = save_search(tmp_path / "search.npz")
+    DAMAGED_SEARCH[damage](path)
+    with pytest.raises(evaluate.InputError, match="search.npz: not written by") as caught:
+        evaluate.load_search(path, "pymunk")
+    assert not isinstance(caught.value, evaluate.StaleError), "damaged, not made for another robot"
+
+def test_a_search_with_a_wrong_byte_is_refused_or_harmless(tmp_path):
+    path = save_search(tmp_path / "search.npz")
+    data, value = path.read_bytes(), evaluate.load_search(path, "pymunk")[0].value
+    for at in range(60, len(data), len(data) // 40):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 255]) + data[at + 1:])
+        try:
+            found = evaluate.load_search(path, "pymunk")[0].value
+        except evaluate.InputError:
+            continue
+        np.testing.assert_array_equal(found, value, f"byte {at}: another map, and nobody noticed")
+
+def test_a_damaged_search_ends_the_evaluation(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    save_untrained(Path("results/pymunk/policy.pt"))
+    Path("results/pymunk/search.npz").write_text("no table")
+    monkeypatch.setattr(evaluate, "run", lambda *_: pytest.fail("accepted"))
+    assert "results/pymunk/search.npz" in refused(capsys, "--episodes", 1, "--out", "out")
+    assert not Path("out").exists(), "check everything first, then write"
+
+@pytest.mark.parametrize("name, save", [("baseline_tuned.json", save_tuned),
+                                        ("search.npz", save_search)])
+def test_what_was_made_for_another_robot_is_left_out(name, save, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    save_untrained(Path("results/pymunk/policy.pt"))
+    planner, path = name.split(".", maxsplit=1)[0], Path("results/pymunk", name)
+    save(path)
+    assert planner in evaluate.choose_planners("pymunk")[0]
+    assert not capsys.readouterr().err
+    save(path, sim="mujoco")
+    planners, about = evaluate.choose_planners("pymunk")
+    assert planner not in planners and planner not in about
+    line, = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith(f"left out: {path}: ") and "simulator is mujoco" in line, line
+    assert "tests/studies/" in line, "say how to make a new one"
+
 
 # ------------------------------------------------------------------------ which planners
 def test_runs_win_over_results(tmp_path, monkeypatch):
@@ -498,8 +989,9 @@ def test_runs_win_over_results(tmp_path, monkeypatch):
         save_untrained(Path(folder, "pymunk/policy.pt"), steps=steps)
         save_untrained(Path(folder, "pymunk/imu/policy.pt"), imu=True, steps=steps)
         save_tuned(Path(folder, "pymunk/baseline_tuned.json"), forward=0.5 + steps)
+        save_search(Path(folder, "pymunk/search.npz"))
         planners, about = evaluate.choose_planners("pymunk")
-        assert set(about) == {"policy", "policy_imu", "baseline_tuned"}
+        assert set(about) == {"policy", "policy_imu", "baseline_tuned", "search"}
         for name, facts in about.items():
             assert facts["file"].startswith(f"{folder}/pymunk/"), f"{name}: your own before ours"
         assert about["policy"]["steps"] == about["policy_imu"]["steps"] == steps
@@ -516,7 +1008,7 @@ def test_the_policy_for_the_figures_comes_first(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     save_untrained(Path("results/mujoco/policy.pt"), "mujoco")
     save_untrained(Path("results/mujoco/imu/policy.pt"), "mujoco", imu=True)
-    save_tuned(Path("results/mujoco/baseline_tuned.json"))
+    save_tuned(Path("results/mujoco/baseline_tuned.json"), "mujoco")
     for imu, first in ((False, "policy"), (True, "policy_imu")):
         planners, about = evaluate.choose_planners("mujoco", imu=imu)
         assert next(iter(planners)) == next(iter(about)) == first
@@ -540,7 +1032,7 @@ def test_an_imu_policy_alone_is_not_what_was_asked_for(tmp_path, monkeypatch, ca
     save_untrained(Path("results/pymunk/imu/policy.pt"), imu=True)
     assert "`python 04_ppo.py`" in refused(capsys, "--episodes", 1), "say how to get the other one"
     monkeypatch.setattr(robot_model, "CORES", 1)
-    monkeypatch.setattr(evaluate, "run", lambda world, goals, planners, *_: print(*planners))
+    monkeypatch.setattr(evaluate, "run", lambda world, blocks, planners, *_: print(*planners))
     evaluate.main(["--imu", "--episodes", "1"])
     assert capsys.readouterr().out.split() == ["policy_imu", "baseline"]
 
@@ -555,12 +1047,15 @@ def test_from_a_policy_file_to_the_table(tmp_path, monkeypatch):
     save_untrained(tmp_path / "runs/pymunk/imu/policy.pt", imu=True)
     save_untrained(tmp_path / "results/pymunk/policy.pt")
     save_tuned(tmp_path / "results/pymunk/baseline_tuned.json")
-    (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n0.03,0,0.1\n0,-0.02,-0.1\n")
+    save_search(tmp_path / "results/pymunk/search.npz")
+    (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n0.01,0,0.05\n0,-0.01,-0.05\n")
     arguments = ["--noise", "--goals", "goals.csv", "--out"]
     done = subprocess.run([sys.executable, SCRIPT, *arguments, "one"], capture_output=True,
                           encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"}, check=False)
     assert done.returncode == 0, done.stderr
     monkeypatch.setattr(robot_model, "CORES", 1)
+    monkeypatch.setattr(evaluate, "FIGURE_GOALS", np.zeros((2, 3)))  # quickly: it has been drawn
+    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
     evaluate.main([*arguments, "two"])
     texts = [[Path(out, name).read_text(encoding="utf-8") for name in (
         "evaluation.json", "trials.csv", "table.md")] for out in ("one", "two")]
@@ -571,27 +1066,30 @@ def test_from_a_policy_file_to_the_table(tmp_path, monkeypatch):
 
     content = json.loads(texts[0][0])
     assert content["sim"] == "pymunk" and content["policy"]["steps"] == 10
-    names = ["policy", "policy_imu", "baseline", "baseline_tuned"]
+    names = ["policy", "policy_imu", "baseline", "baseline_tuned", "search"]
     assert [(r["planner"], r["noise"]) for r in content["rows"]] == [
         (name, noise) for noise in (False, True) for name in names]
     for row in content["rows"]:
         assert row["success"] + row["timeout"] + row["fall"] == pytest.approx(1, abs=2e-4)
         assert row["success_ci95"][0] <= row["success"] <= row["success_ci95"][1]
+        assert row["reached_once"] >= row["success"], "to stay is more than to arrive"
         assert ("noise_m" in row) == row["noise"]
-    assert len(content["ratios"]) == 8, "two policies × two baselines × two noise settings"
+    assert content["friction"] == "drawn"
+    assert len(content["ratios"]) == 40, "five planners × the other four × two noise settings"
     lines = list(csv.DictReader(texts[0][1].splitlines()))
-    assert list(lines[0]) == ["planner", "noise", "trial", "x", "y", "yaw", "outcome", "time",
-                              "steps", "still_there"]
+    assert list(lines[0]) == ["planner", "noise", "goal_std_m", "seed", "trial", "x", "y", "yaw",
+                              "mu", "outcome", "time", "steps", "still_there", "reached_once",
+                              "time_once"]
     assert [line["trial"] for line in lines] == ["0", "1", "2"] * len(content["rows"])
     goals = {name: [line["x"] for line in lines if line["planner"] == name] for name in names}
     assert all(goal == goals["policy"] for goal in goals.values()), "the same goals for everyone"
     for line in lines:
         assert line["outcome"] in evaluate.OUTCOMES and line["still_there"] in ("yes", "no")
-        assert float(line["time"]) == pytest.approx(0.56 * int(line["steps"])), "double steps"
-    again = evaluate.read_goals(tmp_path / "one/trials.csv")  # failed trials can be repeated
-    np.testing.assert_array_equal(again[:3], evaluate.read_goals(tmp_path / "goals.csv"))
-    assert evaluate.table(content["rows"], content["ratios"], {}) == texts[0][2], (
-        "the paper's rows are about its goals, not about yours")
+        double_steps = int(line["steps"]) - (line["outcome"] == "success")  # the first of the two
+        assert float(line["time"]) == pytest.approx(PERIOD * double_steps)
+        assert line["outcome"] != "success" or line["reached_once"] == "yes"
+    assert "paper" not in texts[0][2], "the paper's rows are about its goals, not about yours"
+    assert evaluate.table(content["rows"], content["ratios"], {}) == texts[0][2]
 
 @pytest.fixture
 def short_trials(tmp_path, monkeypatch):
@@ -613,8 +1111,41 @@ def test_evaluation_names_the_policy_of_the_figures(short_trials, monkeypatch, f
     assert content["policy"]["imu"] == (first == "policy_imu")
     assert {row["planner"] for row in content["rows"]} == {"policy", "policy_imu", "baseline"}
 
+def told_trials(folder):
+    """What trials.csv tells of every trial, by planner, noise, seed, number and goal."""
+    with open(Path(folder, "trials.csv"), encoding="utf-8") as file:
+        return {tuple(line[name] for name in ("planner", "noise", "seed", "trial", "x", "y")): {
+            name: text for name, text in line.items() if name != "goal_std_m"}
+            for line in csv.DictReader(file)}
+
+@pytest.mark.parametrize("flags", [[], ["--far"], ["--friction", "0.4"]], ids=str)
+def test_trials_given_back_with_goals_end_as_before(short_trials, monkeypatch, flags):
+    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
+    save_tuned(Path("results/pymunk/baseline_tuned.json"))
+    evaluate.main(["--noise", "--episodes", "3", "--seed", "6", *flags, "--out", "one"])
+    content = json.loads(Path("one/evaluation.json").read_text(encoding="utf-8"))
+    spreads = [0.5, 1.0] if flags == ["--far"] else [0.5]
+    names = ["policy", "policy_imu", "baseline", "baseline_tuned"]
+    assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
+        *itertools.product(spreads, (False, True), names)], "far goals are a block of their own"
+    first = told_trials("one")
+    assert len(first) == 3 * len(content["rows"])
+    friction = {float(line["mu"]) for line in first.values()}
+    if "--friction" in flags:
+        assert content["friction"] == 0.4 and friction == {0.4}
+    else:
+        assert content["friction"] == "drawn" and len(friction) == 3, "as drawn, for all the same"
+
+    head, *lines = Path("one/trials.csv").read_text(encoding="utf-8").splitlines()
+    Path("some.csv").write_text("\n".join([head, *lines[:1:-1]]))  # backwards, without two lines
+    evaluate.main(["--noise", "--goals", "some.csv", "--out", "two"])
+    second = told_trials("two")
+    assert len(second) == len(first), "every planner meets every trial that a line is about"
+    for key, line in second.items():
+        assert line == first[key], f"{key}: the same μ, outcome, time and steps"
+
 def test_gif_is_a_moving_picture_in_real_time(short_trials, monkeypatch):
-    task = env.Task(time_limit=1.2)  # two double steps
+    task = env.Task(time_limit=2 * PERIOD)
     monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=task))
     monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
     evaluate.main(["--gif", "--episodes", "1", "--policy", "results/pymunk/policy.pt"])
@@ -632,7 +1163,7 @@ def test_gif_is_a_moving_picture_in_real_time(short_trials, monkeypatch):
     moved = np.array(changed) > 0.001  # [frames − 1] less is dithering
     assert moved.sum() > 10, "the robot stands still in the film"
     walk = sum(seconds[: np.flatnonzero(moved)[-1] + 1])
-    assert walk == pytest.approx(2 * 0.56, abs=0.15), "two double steps take 1.1 s, in real time"
+    assert walk == pytest.approx(2 * PERIOD, abs=0.15), "two double steps, in real time"
     assert sum(seconds) > walk + 1, "the end stays for a while"
     assert not list(Path().rglob("*.tmp*")), "a temporary file was left behind"
 

@@ -73,6 +73,12 @@ def walking(name, num_robots, footsteps, count, robot=ROBOT):
     everybody = np.arange(num_robots)
     return [engine.plan(footsteps, everybody)[0] for _ in range(count)], engine.stance
 
+def bodies(count, seed=0, **spread):
+    """What `count` robots drew; whatever has no spread here is as in the model."""
+    sizes = dict.fromkeys(("friction", "mass", "stiffness", "stiction", "delay"), 0) | spread
+    rngs = np.random.default_rng(seed).spawn(count)
+    return robot_model.Spread(**sizes).draw(rngs, ROBOT)
+
 def quaternion(roll, pitch, yaw):
     """(w, x, y, z) of Rz(yaw)·Ry(pitch)·Rx(roll), by MuJoCo."""
     result = np.array([1.0, 0, 0, 0])
@@ -424,14 +430,17 @@ def test_a_somersault_is_a_fall_although_it_ends_upright(make_sim, name):
 
 
 # ---------------------------------------------------------------- friction
-def test_mujoco_foot_slides_with_the_friction_of_the_model(make_sim):
-    sim = make_sim("mujoco")
+@pytest.mark.parametrize("friction", [0.4, ROBOT.friction])
+def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(make_sim, friction):
+    sim, body = make_sim("mujoco"), bodies(1)
+    body.friction[:] = friction
+    sim.reset([0], body)
     sim.run(still("mujoco", 1, 1.0), [0])  # the weight settles on the soles
-    model, data = sim.model, mujoco.MjData(sim.model)
-    # The pyramid: μ along the ground's axes, μ/√2 between them.
-    for velocity, share in (((1.0, 0.0), 1.0), ((0.0, 1.0), 1.0), ((0.7, 0.7), math.sqrt(0.5))):
+    model, data = sim.models[0], mujoco.MjData(sim.model)
+    for degrees in (0, 45, 90):
         mujoco.mj_setState(model, data, sim.state[0], FULL)
-        data.qvel[:2], data.ctrl[:] = velocity, stance("mujoco")[1]
+        data.qvel[:2] = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        data.ctrl[:] = stance("mujoco")[1]
         momentum, steps = [], 4  # later it rocks, and a foot that turns slides elsewhere
         for _ in range(steps + 1):
             mujoco.mj_forward(model, data)
@@ -441,28 +450,51 @@ def test_mujoco_foot_slides_with_the_friction_of_the_model(make_sim):
         change, seconds = momentum[-1] - momentum[0], steps * STEP
         # ∫ horizontal force / ∫ vertical force = μ; that a foot bounces does not matter.
         mu = np.linalg.norm(change[:2]) / (change[2] + ROBOT.gravity * seconds)
-        assert mu == pytest.approx(share * ROBOT.friction, rel=0.02), (
-            f"sliding along {velocity}: μ = {mu:.3f}; two geoms' values combined by a maximum?")
-        carried = change[2] / seconds + ROBOT.gravity
-        assert carried == pytest.approx(ROBOT.gravity, rel=0.2), "the ground carries it meanwhile"
+        assert mu == pytest.approx(friction, rel=0.02), (
+            f"sliding at {degrees}°: μ = {mu:.3f}; at 45° only: a pyramid, not Coulomb's cone; "
+            "everywhere: two geoms' values combined by a maximum?")
+        carried = 1 + change[2] / seconds / ROBOT.gravity
+        assert carried == pytest.approx(1, abs=0.6 * friction), (
+            "the ground carries it meanwhile; the more friction, the more it rocks")
 
-def test_planar_foot_slides_with_the_friction_of_the_model(make_sim):
-    space = make_sim("pymunk").spaces[0]
+@pytest.mark.parametrize("friction", [0.4, ROBOT.friction])
+def test_planar_foot_slides_with_the_friction_it_drew(make_sim, friction):
+    sim, body = make_sim("pymunk"), bodies(1)
+    body.friction[:] = friction
+    sim.reset([0], body)
+    space = sim.spaces[0]
 
     def velocity():  # of the centre of mass
         return sum(np.array(body.velocity) * body.mass for body in space.bodies) / MASS
 
     for _ in range(40):  # settle
         space.step(STEP)
-    for body in space.bodies:
-        body.velocity = 1.0, 0.0
-    before, steps = velocity(), 8
+    for link in space.bodies:
+        link.velocity = 1.0, 0.0
+    before, steps = velocity(), 6  # later a toe digs in, and stops
     for _ in range(steps):
         space.step(STEP)
     change, seconds = velocity() - before, steps * STEP
     mu = -change[0] / (change[1] + ROBOT.gravity * seconds)
-    assert mu == pytest.approx(ROBOT.friction, rel=0.02), (
+    assert mu == pytest.approx(friction, rel=0.02), (
         f"μ = {mu:.3f}; pymunk MULTIPLIES the friction of both shapes")
+
+@pytest.mark.parametrize("cone, alike", [(mujoco.mjtCone.mjCONE_ELLIPTIC, True),
+                                         (mujoco.mjtCone.mjCONE_PYRAMIDAL, False)])
+def test_a_walk_does_not_know_where_north_is(make_sim, cone, alike):
+    """Six double steps, begun at 0°, 45° and 90°: MuJoCo's pyramid must fail, the cone must not."""
+    plans, standing = walking("mujoco", 3, [[0.08, 0.02, 0.1], [0.08, 0, -0.1]], 6)
+    plans = [part(plan, [0, 0, 0]) for plan in plans]
+    sim, start = make_sim("mujoco", 3, standing=standing), np.zeros((3, 3))
+    assert sim.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC, "μ is alike in all directions"
+    sim.model.opt.cone, start[:, 2] = cone, np.radians([0, 45, 90])
+    sim.state[:, sim.TURN] = [quaternion(0, standing[0][4], yaw) for yaw in start[:, 2]]
+    for plan in plans:
+        motion = sim.run(plan, np.arange(3))
+    ends = robot_model.relative(start, motion.torso[:, -1, [0, 1, 5]])[:, :2]
+    apart = np.ptp(ends, axis=0).max()
+    assert not motion.fell.any() and (apart < 0.01) == alike, (
+        f"seen from the start the three walks end {1000 * apart:.1f} mm apart")
 
 
 # ---------------------------------------------------------------- motors and joints
@@ -495,7 +527,7 @@ def test_planar_joints_stay_together_and_motors_keep_their_limits(make_sim, yaw)
     assert speed[3] > 1.0, "a knee that does not move is no walk"
 
 def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
-    plans, standing = walking("mujoco", 1, [[0.1, 0, 0.15], [0.1, 0, -0.15]], 5)
+    plans, standing = walking("mujoco", 1, [[0.08, 0, 0.15], [0.08, 0, -0.15]], 5)
     sim = make_sim("mujoco", standing=standing)
     limit, data, joints = np.tile(ROBOT.torque_limit, 2), mujoco.MjData(sim.model), []
     for plan in plans:
@@ -503,9 +535,10 @@ def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
     speed = np.abs(np.diff(joints, axis=0)).max(0) / ROBOT.control_dt
     assert np.all(speed < 1.25 * np.tile(ROBOT.speed_limit, 2)), (
         f"joint speeds {speed.round(1)} rad/s beyond what the motors can do")
-    # Far from its target a motor pushes with all it has, and at its speed limit with nothing.
+    # Far from its target a motor pushes with all it has, at its speed limit with nothing; a joint
+    # that the robot's own weight throws beyond it (a knee in a long swing) is braked.
     mujoco.mj_setState(sim.model, data, sim.start, FULL)
-    for share in (0.0, 0.5, 1.0):
+    for share in (0.0, 0.5, 1.0, 1.25):
         data.ctrl[:] = data.qpos[7:] + 3.0
         data.qvel[6:] = share * np.tile(ROBOT.speed_limit, 2)
         mujoco.mj_forward(sim.model, data)
@@ -563,6 +596,145 @@ def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
     assert (error < [0.01, 0.03, 0.01]).all(), (
         f"error {error.round(3)} of {size.round(3)} rad/s about x, y, z: a sign, or the rates of "
         "roll, pitch and yaw, or axes of the world instead of the leaning torso's own?")
+
+
+# ---------------------------------------------------------------- bodies that differ
+MUJOCO_LINKS = [f"{side} {part}" for side in ("left", "right")
+                for part in ("hip", "thigh", "shin", "foot")]
+MUJOCO_JOINTS = [f"{side} {joint}" for side in ("left", "right") for joint in robot_model.JOINTS]
+
+def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
+    spread, count = robot_model.Spread(), 500
+    body = spread.draw(np.random.default_rng(0).spawn(count), ROBOT)
+    for what, got, width, low, high in (
+            ("friction", body.friction, 1, ROBOT.friction - spread.friction,
+             ROBOT.friction + spread.friction),
+            ("mass", body.mass, 9, 1 - spread.mass, 1 + spread.mass),
+            ("stiffness", body.stiffness, 12, 1 - spread.stiffness, 1 + spread.stiffness),
+            ("stiction", body.stiction, 12, 0, spread.stiction)):
+        assert got.shape == ((count, width) if width > 1 else (count,))
+        share = (got.reshape(count, width) - low) / (high - low)
+        assert share.min() >= 0 and share.max() <= 1, f"{what}: {got.min():.2f} to {got.max():.2f}"
+        assert (share.min(0) < 0.02).all() and (share.max(0) > 0.98).all(), f"{what}: all of it"
+        np.testing.assert_allclose(share.mean(0), 0.5, atol=0.06, err_msg=f"{what}: drawn evenly")
+    assert set(body.delay) == {0, spread.delay} and 0.4 < np.mean(body.delay) < 0.6
+    values = np.column_stack([body.friction, body.mass, body.stiffness, body.stiction, body.delay])
+    alike = np.corrcoef(values.T) - np.eye(35)
+    assert np.abs(alike).max() < 0.2, "every value is drawn by itself: two go together"
+
+@BOTH
+def test_no_spread_draws_the_model_and_changes_no_number(make_sim, name):
+    body = bodies(2)
+    assert (body.friction == ROBOT.friction).all() and (body.mass == 1).all()
+    assert (body.stiffness == 1).all() and not body.stiction.any() and not body.delay.any()
+    plans, standing = walking(name, 2, [[0.06, 0.02, 0.1], [0.06, 0, -0.1]], 2)
+    one, two = (make_sim(name, 2, standing=standing) for _ in range(2))
+    two.reset(np.arange(2), body)
+    for plan in plans:
+        want, got = (sim.run(plan, np.arange(2)) for sim in (one, two))
+        for field in ("torso", "joints", "spin", "fell"):
+            np.testing.assert_array_equal(getattr(got, field), getattr(want, field), err_msg=field)
+
+def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
+    sim, body = make_sim("mujoco", 3), bodies(2, mass=0.1, friction=0.3, stiffness=0.2,
+                                              stiction=1.5)
+    sim.reset([2, 0], body)
+    nominal = robot_model.mujoco_model(ROBOT)
+    for model in (sim.model, sim.models[1]):
+        np.testing.assert_array_equal(model.body_mass, nominal.body_mass, err_msg=(
+            "robot 1 was not reset: it shares what robots 2 and 0 drew"))
+    for row, i in enumerate([2, 0]):
+        model = sim.models[i]
+        for link, factor in zip(["torso", *MUJOCO_LINKS], body.mass[row]):
+            got, want = model.body(link), nominal.body(link)
+            assert got.mass == pytest.approx(factor * want.mass), link
+            np.testing.assert_allclose(got.inertia, factor * want.inertia, err_msg=(
+                f"{link}: the same shape and {factor:.2f} times as heavy"))
+        assert model.body("torso").subtreemass == pytest.approx(model.body_mass.sum()), (
+            "what MuJoCo derives from the masses is old: mj_setConst")
+        assert model.body_invweight0[1, 0] != nominal.body_invweight0[1, 0]
+        for joint, factor, stiction in zip(MUJOCO_JOINTS, body.stiffness[row], body.stiction[row]):
+            motor, stiffness = model.actuator(joint), factor * ROBOT.stiffness
+            np.testing.assert_allclose((motor.gainprm[0], motor.biasprm[1]),
+                                       (stiffness, -stiffness), err_msg=(
+                f"{joint}: τ = stiffness·(target − q); one without the other moves the zero"))
+            assert motor.biasprm[2] == nominal.actuator(joint).biasprm[2]
+            assert model.joint(joint).frictionloss == stiction, joint
+        assert not model.dof_frictionloss[:6].any(), "nothing holds the torso in the air"
+        np.testing.assert_array_equal(model.pair_friction[:, :2], body.friction[row])
+
+def test_planar_robots_get_what_they_drew(make_sim):
+    sim = make_sim("pymunk", 3)
+    body = bodies(2, mass=0.1, stiffness=0.2, stiction=1.5)
+    sim.reset([2, 0], body)
+    hips = robot_model.planar_links(ROBOT)[0]  # the torso with both hips
+    links = hips, *2 * (ROBOT.thigh, ROBOT.shin, ROBOT.foot)
+    for row, i in enumerate([2, 0]):
+        factors = body.mass[row, [0, 2, 3, 4, 6, 7, 8]]
+        for k, (link, got, factor) in enumerate(zip(links, sim.spaces[i].bodies, factors)):
+            assert got.mass == pytest.approx(factor * link.mass), f"body {k}"
+            rotor = ROBOT.armature if k else 0.0
+            assert got.moment == pytest.approx(factor * link.inertia[1] + rotor), f"body {k}"
+        np.testing.assert_allclose(sim.gain[i], ROBOT.planar_gain
+                                   * body.stiffness[row, robot_model.SAGITTAL])
+    want = sum(link.mass for link in links)
+    assert sum(link.mass for link in sim.spaces[1].bodies) == pytest.approx(want), "not reset"
+
+def test_static_friction_is_taken_from_a_planar_motors_largest_torque(make_sim):
+    sim, body = make_sim("pymunk", 2), bodies(2, stiction=1.5)
+    sim.reset(np.arange(2), body)
+    far, most = still("pymunk", 2, 1.0), 0.0
+    far.joints[:, 1:] = np.tile(ROBOT.joint_max, 2) + 0.5  # motors push against the joint limits
+    for piece in single_ticks(far):
+        sim.run(piece, np.arange(2))
+        most = np.maximum(most, planar_torque(sim))
+    left = (np.tile(ROBOT.torque_limit, 2) - body.stiction)[:, robot_model.SAGITTAL]
+    assert (most <= left + 1e-6).all(), f"{most.round(2)} N m, at most {left.round(2)}"
+    np.testing.assert_allclose(most, left, atol=1e-6, err_msg="all the rest is there to be used")
+
+@BOTH
+def test_a_delay_of_one_tick_moves_the_joints_one_tick_later(make_sim, name):
+    body = bodies(2)
+    body.delay[:] = 0, 1
+    quiet, bent = still(name, 2, 0.12), still(name, 2, 0.12)
+    bent.joints[:, 6:, 3] += 0.05  # the left knee's target, from tick 5 on
+    seen = []
+    for trajectory in (quiet, bent):
+        sim = make_sim(name, 2)
+        sim.reset(np.arange(2), body)
+        motions = [sim.run(piece, np.arange(2)) for piece in single_ticks(trajectory)]
+        seen.append(np.concatenate([m.joints for m in motions], 1)[..., robot_model.SAGITTAL])
+    first = (seen[0] != seen[1]).any(-1).argmax(1)  # [2] tick
+    np.testing.assert_array_equal(first, [5, 6], err_msg=(
+        "the target reaches the delayed robot a tick later; the last one is remembered from one "
+        "run to the next"))
+
+def test_a_delayed_mujoco_robot_equals_one_that_is_asked_a_tick_later(make_sim):
+    plans, standing = walking("mujoco", 1, [[0.08, 0, 0.1], [0.08, 0, -0.1]], 2)
+    delayed, prompt = (make_sim("mujoco", standing=standing) for _ in range(2))
+    body = bodies(1)
+    body.delay[:] = 1
+    delayed.reset([0], body)
+    last = plans[0].joints[:, :1]
+    for plan in plans:
+        joints = np.concatenate([last, plan.joints[:, :-1]], 1)
+        got = delayed.run(plan, [0])
+        want = prompt.run(robot_model.Trajectory(joints, plan.trunk), [0])
+        np.testing.assert_allclose(got.torso, want.torso, atol=1e-9)
+        last = plan.joints[:, -2:-1]
+
+@BOTH
+def test_a_reset_without_a_body_forgets_all_of_the_last_one_or_nothing(make_sim, name):
+    plans, standing = walking(name, 1, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 1)
+    body = robot_model.Spread().draw([np.random.default_rng(0)], ROBOT)
+    again, drawn, nominal = (make_sim(name, standing=standing) for _ in range(3))
+    again.reset([0], body)
+    again.reset([0])
+    drawn.reset([0], body)
+    got, with_it, without = (sim.run(plans[0], [0]).torso for sim in (again, drawn, nominal))
+    forgot, kept = (np.abs(got - torso).max() for torso in (without, with_it))
+    assert min(forgot, kept) == 0, (
+        f"{forgot} from the model, {kept} from the body: half of what was drawn survives a reset")
 
 
 # ---------------------------------------------------------------- many robots
@@ -654,6 +826,18 @@ def test_a_reset_robot_of_workers_equals_that_of_one_process(make_sim):
     x = ends[0][:, -1, 0]
     assert (x[[1, 4]] < x[[0, 3]] - 0.03).all(), "robots 1 and 4 start at the origin again"
 
+def test_bodies_reach_the_same_robots_in_two_processes_as_in_one(make_sim):
+    plans, standing = walking("pymunk", 5, [[0.08, 0, 0.1], [0.08, 0, -0.1]], 2)
+    ends = []
+    for cores in (1, 2):
+        sim = make_sim("pymunk", 5, cores, standing)
+        for plan, robots, seed in ((plans[0], [0, 1, 2, 3, 4], 1), (plans[1], [4, 2, 1], 2)):
+            rngs = np.random.default_rng(seed).spawn(len(robots))
+            sim.reset(np.array(robots), robot_model.Spread().draw(rngs, ROBOT))
+            ends.append(sim.run(plan, np.arange(5)).torso)
+    np.testing.assert_array_equal(ends[:2], ends[2:], err_msg=(
+        "rows of a Body go with their robots: robot i is in process i mod W"))
+
 @pytest.mark.parametrize("when", ["before", "meanwhile"])
 def test_a_killed_process_is_an_error_and_no_endless_wait(make_sim, when):
     sim, answers = make_sim("pymunk", 2, 2), []
@@ -710,6 +894,21 @@ def test_planar_yaw_rate_persists_in_the_air(make_sim):
     yaw = sim.run(trajectory, [0]).torso[0, :, 5]
     np.testing.assert_allclose(yaw, 0.8 * ROBOT.control_dt * np.arange(1, 31), atol=1e-3, err_msg=(
         "without contact F = 0, and so is the torque: nothing can stop or start a turn"))
+
+def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
+    sim, body = make_sim("pymunk", 4), bodies(4, friction=0.3, mass=0.1)
+    sim.reset(np.arange(4), body)
+    dt, before = ROBOT.control_dt, sim.bodies
+    after = before.copy()
+    shares = np.array([0.0, 0.6, 0.8, 1.0])  # of μ·F: accelerated ahead by that share of μ·g
+    after[..., 3] += (shares * body.friction * ROBOT.gravity * dt)[:, None]
+    seen = np.stack([before, after], 1)  # [N, T + 1, 7, 6]
+    yaw = sim._run_yaw(seen, np.full((4, 1), 0.5), np.arange(4))[:, 1]  # told to turn by 0.5 rad
+    weight = np.array([sum(link.mass for link in space.bodies) for space in sim.spaces])
+    largest = body.friction * weight * ROBOT.gravity * sim.sole_radius  # [N m]
+    np.testing.assert_allclose(yaw * ROBOT.yaw_inertia / dt**2, largest * [1, 0.8, 0.6, 0],
+                               atol=1e-3, err_msg=(
+        "0.6² + 0.8² = 1: a sole that pushes ahead with 0.6·μ·F has 0.8·μ·F left for a turn"))
 
 def test_mean_radius_of_the_sole(make_sim):
     a, b = ROBOT.foot_front + ROBOT.foot_back, ROBOT.foot_width

@@ -21,7 +21,8 @@ FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
     "02_walk_engine.py": ["--tune"],
     "03_env.py": ["--imu"],
     "04_ppo.py": ["--imu", "--noise", "--no-noise", "--steps", "--quick", "--resume", "--env"],
-    "05_evaluate.py": ["--noise", "--episodes", "--goals", "--policy", "--imu", "--gif"],
+    "05_evaluate.py": ["--noise", "--episodes", "--goals", "--far", "--friction", "--policy",
+                       "--imu", "--gif"],
 }
 SCRIPTS = tuple(FLAGS)
 
@@ -217,7 +218,8 @@ WRONG += [("04_ppo.py", arguments, mention) for arguments, mention in (
 WRONG += [("05_evaluate.py", arguments, mention) for arguments, mention in (
     (["--episodes", "0"], "episodes"), (["--goals", "a_file"], "a_file, line 1"),
     (["--goals", "a_file", "--episodes", "3"], "--episodes"), (["--policy", "a_file"], "a_file"),
-    (["--policy", "a_file", "--imu"], "--policy"))]
+    (["--policy", "a_file", "--imu"], "--policy"), (["--goals", "a_file", "--far"], "--far"),
+    *((["--friction", mu], f"friction value: '{mu}'") for mu in ("-0.1", "nan", "100", "ice")))]
 
 @pytest.mark.parametrize("script, arguments, mention", WRONG,
                          ids=[f"{script} {' '.join(flags)}" for script, flags, _ in WRONG])

@@ -4,8 +4,9 @@ plain geometry, the engine against itself, and the walks against physics."""
 import math
 from dataclasses import replace
 from importlib import import_module
-from itertools import product
+from itertools import permutations, product
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -25,7 +26,14 @@ def make_engine(sim, num_robots=1):
 
 def random_footsteps(rng, sim, *shape):
     limits = walk_engine.LIMITS[sim]
-    return rng.uniform(limits.low, limits.high, (*shape, 2, 3))
+    return walk_engine.within(rng.uniform(limits.low, limits.high, (*shape, 2, 3)), limits)
+
+def bodies(count, friction):
+    """Robots as in the model on a ground of this μ."""
+    spread = robot_model.Spread(0, 0, 0, 0, 0)
+    body = spread.draw(np.random.default_rng(0).spawn(count), ROBOT)
+    body.friction[:] = friction
+    return body
 
 def matrix(pose):
     """Homogeneous matrix of (x, y, yaw): an independent way to compose poses."""
@@ -87,9 +95,9 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
             "a foot jumps: the next plan must start where this one ended"))
         np.testing.assert_allclose(second_feet[0, 0, :, 2], 0, atol=1e-12)
         np.testing.assert_allclose(first.joints[0, -1], second.joints[0, 0], atol=1e-9)
-        # Each side of the seam is one quintic: a fit of degree 5 is exact, and so are v and a.
-        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
-        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
+        # Each side of the seam is one quintic, and the roll a sine: a fit of degree 9 is exact.
+        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 9)
+        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 9)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
             np.testing.assert_allclose(start[order], last[order], atol=1e-6, err_msg=(
                 f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
@@ -98,8 +106,9 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
 def test_trunk_passes_its_knots_between_the_feet(phase):
-    p = replace(walk_engine.TUNED["mujoco"], trunk_phase=phase, trunk_swing=0.3,
-                trunk_x_offset=0.02, trunk_pitch=0.1, pitch_per_step=0.5, pitch_per_turn=0.4)
+    p = replace(walk_engine.TUNED["mujoco"], frequency=0.5 / 0.28, trunk_phase=phase,
+                trunk_swing=0.3, trunk_x_offset=0.02, trunk_pitch=0.1, pitch_per_step=0.5,
+                pitch_per_turn=0.4, trunk_roll=0)
     for footsteps in ([[0, 0, 0], [0, 0, 0]], [[0.08, 0, 0], [0.08, 0, 0]],
                       [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]], [[0, 0, -0.2], [0, 0, 0.2]]):
         engine = walk_engine.WalkEngine(1, p, ROBOT)
@@ -132,6 +141,26 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             np.testing.assert_allclose(c[1, [0, 1, 5]], (after - before) / engine.half, atol=1e-6,
                                        err_msg="it passes with the mean velocity of the step")
             np.testing.assert_allclose(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
+
+def test_trunk_rolls_towards_the_support_foot_and_leaves_the_feet_where_they_were():
+    p = replace(walk_engine.TUNED["mujoco"], trunk_roll=0.06)
+    footsteps = np.array([[[0.08, 0.02, 0.1], [0.06, 0, 0]]])
+    engine, upright = (walk_engine.WalkEngine(1, replace(p, trunk_roll=roll), ROBOT)
+                       for roll in (0.06, 0))
+    (trajectory, feet), (_, want) = (e.plan(footsteps, [0]) for e in (engine, upright))
+    roll, half = trajectory.trunk[0, :, 3], engine.half_ticks
+    np.testing.assert_allclose(roll[[0, half, -1]], 0, atol=1e-12, err_msg=(
+        "upright where single steps and double steps meet"))
+    points, _ = robot_model.body_points(ROBOT, trajectory.trunk[0], trajectory.joints[0])
+    lifted = points[:, 0, 0, 2] - points[:, 1, 0, 2]  # [T + 1] left hip above the right one [m]
+    assert (lifted[1:half] > 0).all() and (lifted[half + 1 : -1] < 0).all(), (
+        "the left foot swings first: the hip of the SWING foot is lifted")
+    most = np.abs(roll).reshape(-1)[[half // 2, half + half // 2]]
+    np.testing.assert_allclose(most, p.trunk_roll, rtol=0.01, err_msg="half-way it is all of it")
+    np.testing.assert_array_equal(feet, want, err_msg="the feet need not know of a roll")
+    np.testing.assert_allclose(points[:, :, 2, :2], feet[0, ..., :2], atol=1e-9)
+    np.testing.assert_allclose(points[:, :, 3:, 2], feet[0, ..., 2, None] * np.ones(2), atol=1e-9,
+                               err_msg="the legs make up for the roll: soles stay level")
 
 @BOTH
 def test_all_zero_footsteps_step_on_the_spot(sim):
@@ -265,12 +294,15 @@ def test_gap_of_two_soles_in_cases_that_a_ruler_can_check():
 
 @BOTH
 def test_soles_never_touch_within_the_limits(sim):
-    limits = walk_engine.LIMITS[sim]
-    corners = np.array(list(product(*zip(limits.low, limits.high))))  # [8, 3]
-    worst = np.array(list(product(corners, corners)))  # [64, 2, 3] left, right
-    inside = random_footsteps(np.random.default_rng(6), sim, 500)
-    plans = [np.concatenate([worst.repeat(64, 0), inside]),  # every one, and then every other
-             np.concatenate([np.tile(worst, (64, 1, 1)), inside[::-1]])]
+    rng, limits = np.random.default_rng(6), walk_engine.LIMITS[sim]
+    assert limits.load == 1.5, "the corners of what may be asked for: one whole and one half share"
+    shares = np.array([*permutations((1, 0.5, 0)), (0.5, 0.5, 0.5)])  # of x, y, yaw
+    ends = np.array(list(product(*zip(limits.low, limits.high))))  # [8, 3]
+    corners = np.unique((ends[:, None] * shares).reshape(-1, 3), axis=0)  # [32, 3]
+    worst = np.array(list(product(corners, corners)))  # [1024, 2, 3] left, right
+    inside = random_footsteps(rng, sim, 500)
+    plans = [np.concatenate([worst.repeat(4, 0), inside])]  # every one, and then any other
+    plans.append(rng.permutation(plans[0]))
     engine = make_engine(sim, len(plans[0]))
     for footsteps in plans:
         _, feet = engine.plan(footsteps, np.arange(len(footsteps)))  # [N, T + 1, 2, 4]
@@ -287,6 +319,55 @@ def test_soles_never_touch_within_the_limits(sim):
     close = np.tile([0.0, -0.15, 0.3], (1, 2, 1))
     _, feet = make_engine(sim).plan(close, [0])
     assert gap(feet[0, -1][:, [0, 1, 3]]) < 0, "beyond the limits the test should see an overlap"
+
+
+@BOTH
+def test_within_leaves_what_is_possible_and_shrinks_the_rest_to_the_boundary(sim):
+    limits, rng = walk_engine.LIMITS[sim], np.random.default_rng(3)
+    low, high = np.array(limits.low), np.array(limits.high)
+    asked = rng.uniform(low, high, (500, 2, 3))
+    got = walk_engine.within(asked, limits)
+
+    def load(footsteps):  # by the table, one foot and one axis at a time
+        return np.array([[sum(v / high[k] if v > 0 else v / low[k] for k, v in enumerate(foot))
+                          for foot in step] for step in footsteps])
+
+    much = load(asked) > limits.load  # [500, 2]
+    assert 50 < much.sum() < 950, "the test should see both kinds"
+    np.testing.assert_array_equal(got[~much], asked[~much], err_msg=(
+        "possible: untouched; and one foot's step does not shrink the other one's"))
+    np.testing.assert_allclose(load(got)[much], limits.load, err_msg=(
+        "too much: just on the boundary; forward and backward have different limits"))
+    ratio = got[much] / asked[much]
+    np.testing.assert_allclose(ratio, ratio[:, :1] * np.ones(3), err_msg=(
+        "x, y and yaw shrink alike: the direction is kept"))
+    for k in range(3):
+        for most in (low[k], high[k]):
+            alone = most * np.eye(3)[[k, k]]
+            np.testing.assert_array_equal(walk_engine.within(alone, limits), alone, err_msg=(
+                "all of one and nothing of the others is possible"))
+
+def test_soles_are_where_mujoco_has_them():
+    rng, count = np.random.default_rng(5), 40
+    model = robot_model.mujoco_model(ROBOT)
+    torso = rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (count, 6))
+    joints = rng.uniform(0.5 * np.tile(ROBOT.joint_min, 2), 0.5 * np.tile(ROBOT.joint_max, 2),
+                         (count, 12))
+    ankle, low = walk_engine.soles(ROBOT, torso, joints)  # [n, 2, 3], [n, 2]
+    assert ankle.shape == (count, 2, 3) and low.shape == (count, 2)
+    data = mujoco.MjData(model)
+    for i in range(count):
+        data.qpos[:3], data.qpos[7:] = torso[i, :3], joints[i]
+        turn = robot_model.rotation(*torso[i, 3:])
+        mujoco.mju_mat2Quat(data.qpos[3:7], turn.ravel())
+        mujoco.mj_forward(model, data)
+        for foot, side in enumerate(("left", "right")):
+            np.testing.assert_allclose(ankle[i, foot], data.body(f"{side} foot").xpos, atol=1e-9)
+            sole = data.geom(f"{side} sole")
+            corners = np.array(list(product((-1, 1), (-1, 1), [-1]))) * model.geom(sole.id).size
+            height = sole.xpos[2] + corners @ sole.xmat.reshape(3, 3)[2]  # [4] of the underside
+            assert low[i, foot] == pytest.approx(height.min(), abs=1e-9), (
+                f"{side}: the sole is beside its ankle, outward; its lowest corner counts")
 
 
 # ---------------------------------------------------------------- walks
@@ -318,9 +399,12 @@ def test_it_walks_what_is_commanded(sim, direction, step, axis, count):
 def test_it_falls_when_it_must(sim):
     gentle, wild = np.tile([0.05, 0, 0.1], (5, 2, 1)), np.tile([0.4, 0, 0], (5, 2, 1))
     wild[0] = 0
-    poses, wanted, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], [gentle, wild, gentle])
+    seen = []
+    poses, wanted, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], [gentle, wild, gentle],
+                                           watch=lambda _, motion: seen.append(len(motion.fell)))
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: physics should say no"
     k = fall[1] + 1
+    assert seen == [3] * k + [2] * (5 - k), "who watches sees every double step of who is up"
     np.testing.assert_array_equal(poses[1, k:], np.tile(poses[1, k], (6 - k, 1)), err_msg=(
         "a walk ends with its fall"))
     np.testing.assert_array_equal(wanted[1, k:], np.tile(wanted[1, k], (6 - k, 1)))
@@ -342,16 +426,31 @@ def test_wanted_is_the_middle_between_the_feet(sim):
     np.testing.assert_allclose(poses[:, -1], wanted[:, -1], atol=0.1, err_msg=(
         "small steps: the torso should be about there"))
 
-def test_a_sharp_turn_slips_in_mujoco():
+def turned(yaw, friction):
+    """Mean walked ÷ commanded of five double steps that turn on the spot in MuJoCo."""
     shares = np.linspace(0.94, 1.06, 7)[:, None, None, None]  # slipping is chaotic: take the mean
-    achieved = {}
-    for yaw in (0.1, 0.6):
-        plans = shares * np.tile([[0, 0, yaw], [0, 0, -yaw]], (1, 5, 1, 1))
-        poses, wanted, _ = walk_engine.walk("mujoco", walk_engine.TUNED["mujoco"], plans)
-        achieved[yaw] = (poses[:, -1, 2] / wanted[:, -1, 2]).mean()
-    assert achieved[0.1] == pytest.approx(1.0, abs=0.15), f"gentle: {achieved[0.1]:.2f} of the turn"
-    assert achieved[0.6] < 0.88, (
-        f"sharp: {achieved[0.6]:.2f} of the turn; the soles should slip on the ground")
+    plans = shares * np.tile([[0, 0, yaw], [0, 0, -yaw]], (1, 5, 1, 1))
+    poses, wanted, _ = walk_engine.walk("mujoco", walk_engine.TUNED["mujoco"], plans,
+                                        bodies(7, friction))
+    return (poses[:, -1, 2] / wanted[:, -1, 2]).mean()
+
+def test_a_gentle_turn_is_followed_in_mujoco():
+    share = turned(0.1, ROBOT.friction)
+    assert share == pytest.approx(1.0, abs=0.15), f"{share:.2f} of the turn: do the feet scuff?"
+
+@pytest.mark.parametrize("yaw", [0.2, 0.4])
+def test_a_turn_slips_on_ice_in_mujoco(yaw):
+    ground, ice = turned(yaw, ROBOT.friction), turned(yaw, 0.05)
+    assert ground == pytest.approx(1.0, abs=0.15), f"{ground:.2f} of the turn on firm ground"
+    assert ice < 0.5, f"{ice:.2f} of the turn: does μ of a Body reach the walk?"
+
+@BOTH
+def test_ice_costs_way(sim):
+    plans = np.tile([[0.08, 0, 0], [0.08, 0, 0]], (1, 6, 1, 1))
+    firm, ice = (walk_engine.walk(sim, walk_engine.TUNED[sim], plans, bodies(1, friction))[0]
+                 for friction in (ROBOT.friction, 0.02))
+    assert ice[0, -1, 0] < 0.9 * firm[0, -1, 0], (
+        f"{ice[0, -1, 0]:.2f} m on ice, {firm[0, -1, 0]:.2f} m on firm ground")
 
 @BOTH
 def test_the_same_plan_gives_the_same_walk(sim):
@@ -363,42 +462,50 @@ def test_the_same_plan_gives_the_same_walk(sim):
 
 
 # ---------------------------------------------------------------- tuning
-def test_one_round_of_tuning_stays_in_the_search_range(capsys):
-    found = walk_engine.tune("mujoco", seed=0, iterations=1, population=4, elite=2)
+@pytest.fixture
+def few(monkeypatch):
+    """Fewer walks for a measurement."""
+    monkeypatch.setattr(walk_engine, "LEVELS", 2)
+    monkeypatch.setattr(walk_engine, "FRICTION", (0.7,))
+
+@BOTH
+def test_one_round_of_tuning_searches_its_range_and_nothing_else(few, sim, capsys):
+    found, before = walk_engine.tune(sim, 0, 1, population=2, elite=1), walk_engine.TUNED[sim]
     assert isinstance(found, walk_engine.WalkParameters)
     for key, (low, high) in walk_engine.SEARCH.items():
-        assert low <= getattr(found, key) <= high, f"{key} left the range it is searched in"
-    assert found != walk_engine.WalkParameters(), "nothing was learned from the elite"
-    assert "score of the mean" in capsys.readouterr().out
-
-def test_planar_tuning_leaves_alone_what_has_no_meaning_there():
-    found = walk_engine.tune("pymunk", seed=0, iterations=1, population=2, elite=1)
-    assert (found.trunk_swing, found.foot_distance) == (0.0, 0.18)
-    for key in set(walk_engine.SEARCH) - set(walk_engine.PLANAR_FIXED):
-        low, high = walk_engine.SEARCH[key]
-        assert low <= getattr(found, key) <= high
+        if sim == "pymunk" and key in walk_engine.PLANAR_FIXED:
+            assert getattr(found, key) == getattr(before, key), f"{key} has no meaning on a plane"
+        else:
+            assert low <= getattr(found, key) <= high, f"{key} left the range it is searched in"
+    assert (found.trunk_swing == found.trunk_roll == 0) or sim == "mujoco"
+    shown = capsys.readouterr().out
+    assert "score of the mean" in shown and "clearance" in shown
 
 def numbers(parameters):
-    """What is searched, as shares [11] of the ranges."""
+    """What is searched, as shares [12] of the ranges."""
     low, high = np.array(list(walk_engine.SEARCH.values())).T
     return (np.array([getattr(parameters, key) for key in walk_engine.SEARCH]) - low) / (high - low)
 
 @pytest.fixture
 def tried(monkeypatch):
     """Instead of walking, every candidate is scored by its distance to a known optimum."""
-    optimum, seen = np.linspace(0.25, 0.75, len(walk_engine.SEARCH)), []
+    optimum, seen, seeds = np.linspace(0.25, 0.75, len(walk_engine.SEARCH)), [], []
 
-    def score(sim, parameters):
+    def measure(sim, parameters, seed):
         seen.append(numbers(parameters))
-        return -np.linalg.norm(seen[-1] - optimum), {"forward": 0.0}, 0.0
+        seeds.append(seed)
+        return np.linalg.norm(seen[-1] - optimum)
 
-    monkeypatch.setattr(walk_engine, "score", score)
-    return optimum, seen
+    monkeypatch.setattr(walk_engine, "measure", measure)
+    monkeypatch.setattr(walk_engine, "score", lambda sim, away: -away)
+    monkeypatch.setattr(walk_engine, "in_words", str)
+    return optimum, seen, seeds
 
 def test_tuning_keeps_the_best_quarter(tried):
-    optimum, seen = tried
+    optimum, seen, _ = tried
     found = numbers(walk_engine.tune("mujoco", seed=0, iterations=1))
-    np.testing.assert_allclose(seen[0], numbers(walk_engine.WalkParameters()), atol=1e-3)
+    np.testing.assert_allclose(seen[0], numbers(walk_engine.TUNED["mujoco"]), atol=1e-3, err_msg=(
+        "it begins where the last tuning ended"))
     order = np.argsort([np.linalg.norm(x - optimum) for x in seen])
     best = np.array(seen)[order[: len(seen) // 4]]
     # The candidates are rounded to four decimals, hence the tolerance.
@@ -406,13 +513,21 @@ def test_tuning_keeps_the_best_quarter(tried):
         "the new mean: 30 % of the old one, 70 % of the BEST quarter; the best scores are the "
         "largest"))
 
-def test_tuning_moves_to_the_optimum(tried):
-    optimum, seen = tried
+def test_tuning_moves_towards_the_optimum(tried):
+    optimum, seen, _ = tried
     found = numbers(walk_engine.tune("mujoco", seed=1, iterations=15))
     before, after = (np.linalg.norm(x - optimum) for x in (seen[0], found))
-    assert after < 0.1 * before, f"from {before:.2f} to {after:.2f} of the ranges away from it"
-    first, last = (np.std(x, axis=0).mean() for x in (seen[:32], seen[-32:]))
+    # A local search whose spread shrinks quickly: from this far it stops at about 40 %.
+    assert after < 0.5 * before, f"from {before:.2f} to {after:.2f} of the ranges away from it"
+    first, last = (np.std(x, axis=0).mean() for x in (seen[:28], seen[-28:]))
     assert last < 0.2 * first, "the candidates should gather: does the spread shrink?"
+
+def test_tuning_compares_its_candidates_in_the_same_worlds(tried):
+    _, _, seeds = tried
+    walk_engine.tune("mujoco", seed=0, iterations=3, population=4, elite=1)
+    worlds = np.reshape(seeds, (3, 4))
+    assert (worlds == worlds[:, :1]).all(), "in one round luck must be the same for all"
+    assert len(set(worlds[:, 0])) == 3, "other worlds in every round: or it learns one by heart"
 
 def test_speed_plans_move_along_their_axis_only():
     plans, levels = walk_engine.speed_plans(), walk_engine.LEVELS
@@ -432,6 +547,8 @@ def test_random_plans_stay_within_the_limits():
     plans = walk_engine.random_plans(np.random.default_rng(0), limits, 200)
     low, high = plans.min((0, 1)), plans.max((0, 1))  # [2, 3] each foot
     assert (low >= limits.low).all() and (high <= limits.high).all()
+    np.testing.assert_allclose(walk_engine.within(plans, limits), plans, err_msg=(
+        "x, y and yaw together, too: the robot is never asked for more"))
     room = 0.02 * (np.array(limits.high) - limits.low)
     assert (low < limits.low + room).all() and (high > limits.high - room).all(), "all of them"
 
@@ -448,25 +565,87 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
         assert speed == pytest.approx(shares[3] / (sum(walk_engine.PATTERN) * 0.5)), (
             f"{direction}: the fourth of eight levels was the last one below a fall")
 
-@pytest.mark.parametrize("sim, want", [("mujoco", (2 + 1 + 1 + 1) / 4),
-                                       ("pymunk", (2 + 1 + 1) / 3)])
-def test_score_adds_roots_of_speeds_and_the_share_of_random_steps(monkeypatch, sim, want):
-    parameters = walk_engine.TUNED[sim]
-    moving = sum(walk_engine.PATTERN) * walk_engine.WalkEngine(1, parameters).period  # [s]
+def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
+    """Robots follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""
+    p = replace(walk_engine.TUNED["mujoco"], frequency=0.5 / 0.30, double_support=1 / 3,
+                foot_rise=0.04, trunk_roll=0.05)  # the swing: 20 of 30 ticks
+    plans, rows, seen = walk_engine.PLANS, 4 * walk_engine.LEVELS, {}
 
-    def fake(got, _, footsteps):
-        levels, count = walk_engine.LEVELS, len(walk_engine.PATTERN)
-        assert got == sim and len(footsteps) > 4 * levels
-        poses, fall = np.zeros((len(footsteps), count + 1, 3)), np.full(len(footsteps), count)
-        for i, (direction, (_, axis, good)) in enumerate(walk_engine.DIRECTIONS.items()):
-            speed = good * (4 if direction == "forward" else 1)
-            poses[(i + 1) * levels - 1, -1, axis] = speed * moving
-        fall[4 * levels :: 2] = count // 2  # every other random walk falls half-way
-        return poses, poses, fall
+    def fake(sim, parameters, footsteps, body, watch):
+        n, count = footsteps.shape[:2]
+        seen["footsteps"], seen["body"] = footsteps, body
+        engine = walk_engine.WalkEngine(n, parameters)
+        trajectory, _ = engine.plan(footsteps[:, 0], np.arange(n))
+        torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
+        torso[..., 0] += 0.001 * np.arange(torso.shape[1])
+        torso[..., 2] += 0.004
+        torso[fell, :, 2] = -1  # whoever fell has no clearance
+        watch(engine, robot_model.Motion(torso, trajectory.joints[:, 1:], None, fell))
+        wanted, fall = np.ones((n, count + 1, 3)), np.full(n, count)
+        wanted[:, 0] = 0
+        poses = wanted * np.repeat([0.5, 0.6, 0.7, 9], [rows, rows, rows, plans])[:, None, None]
+        fall[-plans::2] = count // 2  # every other random walk falls half-way
+        return poses, wanted, fall
 
     monkeypatch.setattr(walk_engine, "walk", fake)
-    value, speeds, stood = walk_engine.score(sim, parameters)
-    assert stood == pytest.approx(0.75), "the share of random double steps that were stood"
-    assert value == pytest.approx(want + 2 * 0.75), (
-        "mean of √(speed / good speed) + 2 · share; sideways is no achievement on the plane")
-    assert set(speeds) == set(walk_engine.DIRECTIONS) - ({"sideways"} if sim == "pymunk" else set())
+    got, period = walk_engine.measure("mujoco", p, seed=3), 0.6
+    assert len(seen["footsteps"]) == 3 * rows + plans
+    friction = seen["body"].friction
+    np.testing.assert_array_equal(friction[: 3 * rows], np.repeat(walk_engine.FRICTION, rows))
+    assert np.ptp(friction[3 * rows :]) > 0.3, "random walks keep the ground that they drew"
+    assert np.ptp(seen["body"].mass) > 0.1, "and all of them the bodies"
+    moving = sum(walk_engine.PATTERN) * period  # [s]
+    for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
+        for direction in walk_engine.DIRECTIONS:
+            assert speeds[direction] == pytest.approx(share / moving), direction
+            assert tracking[direction] == pytest.approx(share), f"{direction}: walked ÷ commanded"
+    assert got["stood"] == 0.5, "the share of random plans"
+    assert got["steps"] == 0.75, "the share of random double steps"
+    # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
+    want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
+    np.testing.assert_allclose(got["clearance"], want, atol=1e-9, err_msg=(
+        "lowest corner of the SWING foot between 30 and 70 % of its swing"))
+    assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
+
+def measured(**changed):
+    """What `measure` might return: every required speed, everything else without fault."""
+    required = {name: speed for name, (_, _, speed) in walk_engine.DIRECTIONS.items()}
+    perfect = dict.fromkeys(required, 1.0)
+    return {"speeds": [required] * 3, "tracking": [perfect] * 3, "stood": 1.0, "steps": 1.0,
+            "clearance": [0.008, 0.001], "slip": 0.0} | changed
+
+def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_clearance():
+    required = measured()["speeds"][0]
+    assert walk_engine.score("mujoco", measured()) == pytest.approx(1 + 2 + 1 - 0 + 1)
+    quick, slow = ({**required, "forward": factor * required["forward"]} for factor in (4, 1 / 4))
+    for what, changed, want in (
+            ("four times as fast forward: √4 = 2, a quarter of the mean",
+             {"speeds": [quick] * 3}, 5 + 1 / 4),
+            ("slow at one μ counts, the faster ones do not",
+             {"speeds": [quick, slow, required]}, 5 - 1 / 8),
+            ("random double steps count twice", {"steps": 0.5}, 4),
+            ("random plans count once", {"stood": 0.5}, 4.5),
+            ("10 % short", {"tracking": [dict.fromkeys(required, 0.9)] * 3}, 4.9),
+            ("10 % too far is as bad", {"tracking": [dict.fromkeys(required, 1.1)] * 3}, 4.9),
+            ("short and too far do not cancel",
+             {"tracking": [dict.fromkeys(required, ratio) for ratio in (0.9, 1.0, 1.1)]},
+             5 - 0.2 / 3),
+            ("half of 8 mm, the median counts", {"clearance": [0.004, 0.004]}, 4.5),
+            ("more than 8 mm is not rewarded", {"clearance": [0.020, 0.020]}, 5)):
+        assert walk_engine.score("mujoco", measured(**changed)) == pytest.approx(want), what
+
+def test_score_of_a_planar_robot_ignores_sideways_steps():
+    required = measured()["speeds"][0]
+    still, lost = {**required, "sideways": 0.0}, {**dict.fromkeys(required, 1.0), "sideways": 5.0}
+    got = walk_engine.score("pymunk", measured(speeds=[still] * 3, tracking=[lost] * 3))
+    assert got == pytest.approx(5), "on the plane they follow the command: no achievement"
+    assert walk_engine.score("mujoco", measured(speeds=[still] * 3)) == pytest.approx(5 - 1 / 4)
+
+def test_in_words_shows_the_worst():
+    speeds = [dict.fromkeys(walk_engine.DIRECTIONS, v) for v in (0.31, 0.17, 0.52)]
+    tracking = [dict.fromkeys(walk_engine.DIRECTIONS, v) for v in (0.93, 1.06, 0.81)]
+    words = walk_engine.in_words(measured(speeds=speeds, tracking=tracking, stood=0.75,
+                                          clearance=[0.0083, -0.0021], slip=0.0045))
+    for part in (*(f"{name} 0.17" for name in walk_engine.DIRECTIONS), "0.81 to 1.06",
+                 "standing 0.75", "8.3 / -2.1 mm", "slip 4.5 mm"):
+        assert part in words, f"{part} is not in: {words}"

@@ -27,7 +27,7 @@ NAMES = [entry.name for entry in fields(Settings)]
 # Where the search begins: three times the paper's speeds, and a quicker filter.
 START = Settings(0.36, 0.25, 0.2, 1.0, 1.2, 0.7, 1.0, 0.3)
 
-def both(trials, planner, noise, first, count, per_seed=kept.PER_SEED):
+def both(trials, planner, noise, first, count, per_seed=None):
     """Near and far trials of the tuning together."""
     parts = [trials.run(*planner, noise, first, count, far, purpose="tuning", per_seed=per_seed)
              for far in (False, True)]

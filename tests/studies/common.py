@@ -7,7 +7,8 @@ an interrupted study continues, a repeated one is quick. (Code is no part of the
 changing it, delete the folder.)
 
 Most studies judge what is shipped. After a change of robot, walk or task therefore, each --ship:
-baseline, seeds, imu; then `05_evaluate.py --noise` for results/<sim>/; then all the others.
+baseline, search, seeds, imu; then `05_evaluate.py --noise --far` for results/<sim>/; then all the
+others.
 """
 
 import contextlib

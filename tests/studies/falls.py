@@ -1,67 +1,85 @@
-"""Where does the robot fall, after which change of its step, and when within the double step?
+"""Where does the robot fall, after which change of its step, on what ground, and unannounced?
 
     python tests/studies/falls.py [--mujoco] [--ship]
 
-Every fall of all shipped training seeds on 5,000 noisy goals each.
+Every fall of all shipped training seeds on 5,000 near and 5,000 far noisy goals each, and those of
+`search`, which is blind to dynamics. A fall is announced if the double step before it ended with
+the torso's pitch beyond ±0.25 rad: so much an IMU could tell.
 """
 
 import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "about 4 minutes on two cores", "mujoco": "about 6 minutes on two cores"}
-SETS = 10  # of 500 goals
-HEAD = ("planner", "noisy walks", "falls", "walking backward, falls / all steps",
-        "change of step length, falls / all steps [cm]",
-        "while the left foot swings, falls / all steps")
+DURATION = {"pymunk": "a minute after imu.py, else 20", "mujoco": "a minute after imu.py, else 35"}
+SETS = 10  # of 500 goals, near and far
+HEAD = ("planner", "walks", "falls", "walking backward",
+        "mean change of step length before it [cm]", "μ of the ground, median (all walks)",
+        "announced: pitch beyond 0.25 rad one double step earlier (all double steps)")
 
 def study(sim):
-    """The falls and a sample of the steps that went well, by planner."""
-    trials, falls, steps, lines = kept.Trials(sim), {}, {}, []
-    for name, paths in kept.shipped_seeds(sim).items():
-        parts = [trials.run(*kept.policy(path, sim), True, count=SETS) for path in paths]
-        falls[name] = np.concatenate([part["falls"] for part in parts])  # [F, 6]
-        steps[name] = np.concatenate([part["changes"] for part in parts])  # [C, 2]
-        lines.append([name, sum(len(part["time"]) for part in parts), len(falls[name]),
-                      *compare(falls[name], steps[name])])
+    """The falls by planner."""
+    planners = {name: [kept.policy(path, sim) for path in paths]
+                for name, paths in kept.shipped_seeds(sim).items()}
+    planners["search"] = [kept.opponents(sim)["search"]]
+    trials, falls, lines, content = kept.Trials(sim), {}, [], []
+    for name, own in planners.items():
+        parts = [trials.run(*planner, True, count=SETS, far=far)
+                 for planner in own for far in (False, True)]
+        falls[name] = np.concatenate([part["falls"] for part in parts])  # [F, 8]
+        row = {"planner": name, **facts(parts, falls[name])}
+        content.append(row)
+        lines.append([name, row["walks"], row["falls"], common.number(row["backward"], 2),
+                      common.number(row["change_cm"], 1),
+                      f"{common.number(row['mu'], 2)} ({row['mu_all']:.2f})",
+                      f"{common.number(row['announced'], 2)} ({row['tilted']:.4f})"])
     trials.close()
-    content = {"columns": "goal x, y, yaw; step length, the one before; moment",
-               "falls": {name: rows.round(4).tolist() for name, rows in falls.items()}}
-    return common.Findings(content, common.markdown(HEAD, lines), plot(falls, steps, sim))
+    columns = "goal x, y, yaw; step length, the one before; pitch before; moment; μ"
+    one_by_one = {name: rows.round(4).tolist() for name, rows in falls.items()}
+    return common.Findings({"rows": content, "columns": columns, "falls": one_by_one},
+                           common.markdown(HEAD, lines), plot(falls, sim))
 
-def compare(falls, steps):
-    """Three cells of the table: falls against all steps."""
-    *_, now, before, when = falls.T
-    pairs = ((now < 0, f"{np.mean(steps[:, 0] < 0):.2f}", 2),
-             (100 * np.abs(now - before), f"{100 * np.abs(np.diff(steps)).mean():.1f}", 1),
-             (when < 0.5, "0.50", 2))
-    return [f"{common.number(np.mean(own) if len(falls) else None, digits)} / {usual}"
-            for own, usual, digits in pairs]
+def facts(parts, falls):
+    """Falls [F, 8] against all walks of `kept.Trials.run`; None where nobody fell."""
+    _, _, _, now, before, pitch, _, mu = falls.T
+    count = {key: np.concatenate([part[key] for part in parts])
+             for key in ("steps", "tilted", "friction")}
+    row = {"walks": len(count["steps"]), "falls": len(falls)}
+    if len(falls):
+        row |= {"backward": np.mean(now < 0), "change_cm": 100 * np.abs(now - before).mean(),
+                "mu": np.median(mu), "announced": np.mean(np.abs(pitch) > kept.TILTED)}
+    row |= {"mu_all": np.median(count["friction"]),
+            "tilted": count["tilted"].sum() / count["steps"].sum()}
+    empty = dict.fromkeys(("backward", "change_cm", "mu", "announced"))
+    return empty | {name: round(float(value), 4) if isinstance(value, float) else value
+                    for name, value in row.items()}
 
-def plot(falls, steps, sim):
-    """A dot for every fall."""
-    figure, (place, length, moment) = common.plt.subplots(1, 3, figsize=(12, 3.9),
-                                                          layout="constrained")
-    length.plot(*steps["policy"].T[::-1], ".", color="0.85", ms=2, label="steps that went well")
+def plot(falls, sim):
+    """A dot for every fall; the friction of all of them."""
+    figure, axes = common.plt.subplots(1, 4, figsize=(15, 3.9), layout="constrained")
+    place, length, tilt, ground = axes
     for name, rows in falls.items():
-        x, y, _, now, before, _ = rows.T
-        kw = {"s": 24, "facecolors": "none", "edgecolors": kept.COLORS[name], "zorder": 3,
-              "label": f"{name}: falls: {len(x)}"}
+        x, y, _, now, before, pitch, moment, mu = rows.T
+        kw = {"s": 18, "facecolors": "none", "edgecolors": kept.COLORS[name], "alpha": 0.6,
+              "label": f"{name}: {len(x)} falls"}
         place.scatter(x, y, **kw)
         length.scatter(before, now, **kw)
-    moment.hist([rows[:, 5] for rows in falls.values()], np.linspace(0, 1, 15),
-                color=[kept.COLORS[name] for name in falls])
-    moment.axvline(0.5, color="0.5", lw=1)  # left foot down, right foot up
+        tilt.scatter(moment, pitch, **kw)
+        ground.hist(mu, np.linspace(0.4, 1.0, 13), histtype="step", color=kept.COLORS[name],
+                    weights=np.full(len(mu), 1 / max(1, len(mu))))
     place.plot(0, 0, "k>", ms=8)
     place.set(title="goal, seen from the robot (black)", xlabel="ahead [m]", ylabel="left [m]",
               aspect="equal", xlim=(-2, 2), ylim=(-2, 2))
     length.set(title="forward step length", xlabel="of the step before [m]",
                ylabel="of the step of the fall [m]", aspect="equal")
-    moment.set(title="moment of the fall", xlabel="share of the double step: left swing, right",
-               ylabel="falls", xlim=(0, 1))
-    moment.yaxis.get_major_locator().set_params(integer=True)
+    for edge in (-kept.TILTED, kept.TILTED):
+        tilt.axhline(edge, color="0.6", lw=1)
+    tilt.axvline(0.5, color="0.6", lw=1)  # left foot down, right foot up
+    tilt.set(title="was it announced?", xlabel="moment: left swing, right swing", xlim=(0, 1),
+             ylabel="pitch when the step began [rad]")
+    ground.set(title="ground", xlabel="friction μ [1]", ylabel="share of the falls [1]")
     length.legend(fontsize=7)
-    figure.suptitle(f"Where, after what and when the robot falls ({sim}, noise)")
+    figure.suptitle(f"Where, after what and on which ground the robot falls ({sim}, noise)")
     return figure
 
 if __name__ == "__main__":

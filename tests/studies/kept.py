@@ -21,6 +21,7 @@ ppo.torch.set_num_threads(1)  # a policy this small is slower on several threads
 SEEDS = (0, 1, 2)  # of the trainings
 FIRST = 1  # evaluation seed of the first set of goals
 PER_SEED = 500  # goals in a set
+TILTED = 0.25  # [rad] a pitch of the torso, in either direction, that announces a fall
 COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:orange",
           "baseline_tuned": "tab:green", "search": "tab:red"}
 
@@ -119,12 +120,13 @@ class Trials:
         self.world = None
 
     def run(self, planner, key, noise, first=FIRST, count=4, far=False, friction=np.nan, size=1.0,
-            purpose="evaluation", per_seed=PER_SEED):
+            purpose="evaluation", per_seed=None):
         """Arrays [per_seed·count] as of `evaluate`, and what fell how (see `measure`).
 
         key: what the planner depends on; size: of the noise, relative to the task's.
         """
-        parts, settings = [], (noise, far, float(friction), size, purpose, per_seed)
+        parts, per_seed = [], per_seed or PER_SEED
+        settings = noise, far, float(friction), size, purpose, per_seed
         for seed in range(first, first + count):
             name = common.digest(key, env.fingerprint(self.sim), self.spread, self.robot,
                                  env.Task(), settings)
@@ -140,13 +142,14 @@ class Trials:
     def measure(self, planner, seed, noise, far, friction, size, purpose, per_seed):
         """One set. Beside what `evaluate` returns, for every fall [F, 8]: the goal seen from the
         robot before it (x, y, yaw), step length now and before [m], pitch before [rad], moment
-        [share of the double step], μ.
+        [share of the double step], μ; and how many double steps of a walk began TILTED [per_seed].
         """
         world, task = self.make_world(), env.Task()
         world.task = replace(task, noise_m=size * task.noise_m, noise_rad=size * task.noise_rad)
         trials = evaluate.draw_trials(seed, per_seed, far, friction, purpose)
         before, falls = trials.goals.copy(), [np.zeros((0, 8))]
         pitch = np.full(per_seed, world.engine.parameters.trunk_pitch)
+        tilted = np.zeros(per_seed, int)
 
         def watch(robots, result):
             bar.update(sum(int(result[name].sum()) for name in evaluate.OUTCOMES))
@@ -157,12 +160,13 @@ class Trials:
             falls.append(np.column_stack([
                 before[robots[fell]], low + share * (high - low), pitch[robots[fell]],
                 np.argmax(down, 1) / down.shape[1], world.friction[robots[fell]]]))
+            tilted[robots] += np.abs(pitch[robots]) > TILTED
             before[robots], pitch[robots] = world.relative_goal(robots), motion.torso[:, -1, 4]
 
         title = f"{type(planner).__name__}, trials {seed}"
         with tqdm(total=per_seed, desc=title, unit=" trials", leave=False) as bar:
             ended = evaluate.evaluate(planner, world, trials, noise, watch)
-        return {**ended, "goals": trials.goals, "falls": np.concatenate(falls)}
+        return {**ended, "goals": trials.goals, "tilted": tilted, "falls": np.concatenate(falls)}
 
     def make_world(self):
         """The world, when the first trial needs it."""

@@ -1,4 +1,4 @@
-"""How much noise can each shipped planner take? 500 goals at six sizes of the noise.
+"""How much noise can each shipped planner take? 500 near goals at six sizes of the noise.
 
     python tests/studies/noise.py [--mujoco] [--ship]
 """
@@ -7,7 +7,7 @@ import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "about 3 minutes on two cores", "mujoco": "about 5 minutes on two cores"}
+DURATION = {"pymunk": "about 5 minutes on two cores", "mujoco": "about 8 minutes on two cores"}
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # times the task's noise
 NOISE_CM = 100 * kept.env.Task().noise_m
 

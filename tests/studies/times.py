@@ -1,77 +1,92 @@
-"""Is the policy faster everywhere? Its time for every goal of stage 5's table, and the baselines'.
+"""Is the policy faster everywhere? Its time for every goal of stage 5's table, and the others'.
 
     python tests/studies/times.py [--mujoco] [--ship]
 
-From the single trials in results/<sim>/trials.csv.
+From the single trials in results/<sim>/trials.csv. The reference is kinematic: the double steps
+that `search` counts from the start to the goal, as if each took the robot as far as it does in a
+steady walk. It may be beaten: the steps of `search` were chosen so that it rarely falls.
 """
 
 import csv
-from importlib import import_module
 
 import common
+import kept
 import numpy as np
-import speed
+from kept import env, evaluate
 
-env = import_module("03_env")
 DURATION = {"pymunk": "a few seconds", "mujoco": "a few seconds"}
-COLORS = {"policy": "tab:blue", "baseline": "tab:orange", "baseline_tuned": "tab:green"}
-HEAD = ("noise", "policy's time ÷ that of", "10th percentile", "median", "90th percentile",
+HEAD = ("goals σ", "noise", "planner", "its time ÷ reference, median",
+        "policy's time ÷ its, 10th percentile", "median", "90th percentile",
         "share of goals where the policy is slower")
 
 def read_trials(path):
-    """Distances of the goals [n] [m]; by (planner, noise) times [n] [s], nan without success."""
-    with open(path, newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
+    """Goals [n, 3] by σ [m], and by (planner, noise, σ) times [n] [s], nan without success."""
     times, goals = {}, {}
-    for row in rows:
-        key = row["planner"], row["noise"]
-        time = float(row["time"]) if row["outcome"] == "success" else np.nan
-        times.setdefault(key, []).append(time)
-        goals.setdefault(key, []).append((float(row["x"]), float(row["y"])))
-    if ("policy", "yes") not in times:
-        raise common.StudyError(f"{path}: needs the trials of `05_evaluate.py --noise`")
-    distance = np.hypot(*np.transpose(goals["policy", "yes"]))
-    return distance, {key: np.array(values) for key, values in times.items()}
+    try:
+        with open(path, newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                std = float(row["goal_std_m"])
+                key = row["planner"], row["noise"], std
+                time = float(row["time"]) if row["outcome"] == "success" else np.nan
+                times.setdefault(key, []).append(time)
+                if row["planner"] == "policy" and row["noise"] == "yes":
+                    goals.setdefault(std, []).append([float(row[k]) for k in ("x", "y", "yaw")])
+        if len(goals) < 2:
+            raise ValueError("a block is missing")
+    except (KeyError, ValueError) as error:
+        raise common.StudyError(f"{path}: needs the trials of `05_evaluate.py --noise --far` "
+                                f"({error})") from error
+    return ({std: np.array(rows) for std, rows in goals.items()},
+            {key: np.array(values) for key, values in times.items()})
 
-def reference(distance, sim):
-    """Straight to the circle around the goal as in speed.py, in whole double steps: [n] [s]."""
+def reference(goals, sim, search):
+    """The double steps of `search` to goals [n, 3], in seconds [n]; nan beyond its map."""
     period = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED[sim]).period  # [s]
-    length = speed.fastest(sim)[0] * period  # [m]
-    return np.maximum(1, np.ceil((distance - env.Task().success_m) / length)) * period
+    pose = common.robot_model.relative(goals, np.zeros(3))  # the start seen from the goal
+    steps = evaluate.look_up(search.value, pose)  # [n]
+    beyond = np.abs(pose[:, :2]).max(1) >= evaluate.CELL * evaluate.HALF
+    return np.where(beyond | (steps > evaluate.FAR - 1), np.nan, steps * period)
 
 def study(sim):
-    """How many times the baselines' time the policy needs, goal by goal."""
-    distance, times = read_trials(common.RESULTS / sim / "trials.csv")
+    """How many times another planner's time the policy needs, goal by goal."""
+    goals, times = read_trials(common.RESULTS / sim / "trials.csv")
+    search, _ = kept.opponents(sim)["search"]
+    fastest = {std: reference(rows, sim, search) for std, rows in goals.items()}
     content, lines = [], []
-    for noise in ("no", "yes"):
-        for name in ("baseline", "baseline_tuned"):
-            if (name, noise) in times:
-                ratio = times["policy", noise] / times[name, noise]
-                ratio = ratio[np.isfinite(ratio)]
-                shares = [*np.percentile(ratio, [10, 50, 90]), np.mean(ratio > 1)]
-                keys = ("p10", "median", "p90", "policy_slower")
-                content.append({"noise": noise, "reference": name} |
-                               {key: round(share, 4) for key, share in zip(keys, shares)})
-                lines.append([noise, name, *(f"{share:.2f}" for share in shares[:3]),
-                              f"{shares[3]:.3f}"])
-    return common.Findings(content, common.markdown(HEAD, lines), plot(distance, times, sim))
+    for (name, noise, std), own in times.items():
+        ratio = times["policy", noise, std] / own
+        ratio, over = ratio[np.isfinite(ratio)], own / np.maximum(fastest[std], 0.1)
+        row = {"goal_std_m": std, "noise": noise, "planner": name}
+        row["over_reference"] = np.median(over[np.isfinite(over)])
+        if name != "policy":
+            row |= dict(zip(("p10", "median", "p90"), np.percentile(ratio, [10, 50, 90])))
+            row["policy_slower"] = np.mean(ratio > 1)
+        row = {k: round(float(v), 4) if isinstance(v, float) else v for k, v in row.items()}
+        content.append(row)
+        digits = {"over_reference": 2, "p10": 2, "median": 2, "p90": 2, "policy_slower": 3}
+        cells = [common.number(row[key], n) if key in row else "" for key, n in digits.items()]
+        lines.append([f"{std} m", noise, name, *cells])
+    return common.Findings(content, common.markdown(HEAD, lines), plot(fastest, times, sim))
 
-def plot(distance, times, sim):
+def plot(fastest, times, sim):
     """Every dot is a goal."""
-    figure, axes = common.plt.subplots(1, 2, figsize=(10, 4.4), layout="constrained", sharey=True)
-    far = np.linspace(0, distance.max(), 500)  # [m]
-    fast = reference(far, sim)
+    figure, axes = common.plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained", sharey=True)
+    names = {name: None for name, _, _ in times}
     for axis, noise in zip(axes, ("no", "yes")):
-        for name, color in COLORS.items():
-            if (name, noise) in times:
-                axis.plot(distance, times[name, noise], ".", ms=3, color=color, label=name)
-        axis.plot(far, fast, "k", lw=1, label="reference: straight ahead, fast")
+        for name in sorted(names, key=lambda name: name.startswith("policy")):  # on top
+            parts = [(fastest[std], times[name, noise, std]) for std in fastest
+                     if (name, noise, std) in times]
+            if parts:
+                axis.plot(*np.concatenate(parts, 1), ".", ms=3, color=kept.COLORS[name],
+                          label=name)
+        end = np.nanmax(np.concatenate(list(fastest.values())))
+        axis.plot([0, end], [0, end], "k", lw=1, label="as the reference")
         axis.set(title=f"{'with' if noise == 'yes' else 'without'} noise",
-                 xlabel="distance to the goal at the start [m]")
+                 xlabel="reference: steps to go of `search` [s]")
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("time to the goal [s]")
     axes[0].legend(fontsize=8, markerscale=3)
-    figure.suptitle(f"Every dot is a goal reached ({sim})")
+    figure.suptitle(f"Every dot is a goal reached, near or far ({sim})")
     return figure
 
 if __name__ == "__main__":
