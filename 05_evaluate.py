@@ -6,36 +6,40 @@ of its references [3] and [4]: search for the shortest way.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in two minutes
     python 05_evaluate.py --noise --far    and a second block: goals twice as far
-    python 05_evaluate.py --noise --gif    and an animation of one walk
+    python 05_evaluate.py --gif            and the baseline in a race against the policy
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
+    python 05_evaluate.py --planner my.py  your own planner beside the others
+    python 05_evaluate.py --play           click a goal and watch
 
 (`--mujoco` in 3-D; `--imu`: the figures show the policy that feels its torso's tilt.) Without a
 training of your own it judges the one in `results/<sim>/`. Prints the table and writes it with
-evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Lines of trials.csv given back with
---goals repeat those very trials: watch a fall. Predict: the paper's policy needs half the
-baseline's time, and falls about twice as often. Does this one? And what is search blind to?
+evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`; lines of trials.csv given back with
+--goals repeat those very trials. Predict: the paper's policy needs half the baseline's time, and
+falls about twice as often. Does this one? And what is search blind to?
 
-A planner has `reset(num_robots)` and `act(view, robots, measured)`, which returns actions [n, 6] in
-[0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. The view (stage 3) shows
-what else it may know. All meet the same goals, ground and bodies, and at their k-th decision the
-same noise, so a difference between two rows is due to the planners; the intervals say how much
-these 500 trials could mislead about others. `baseline` is configured as in the paper, all settings
-of `baseline_tuned` are optimised for this world (tests/studies/baseline.py), and so are the two of
-`search` (tests/studies/search.py).
+A planner is a class with `reset(num_robots)` and `act(view, robots, measured)`, which returns
+actions [n, 6] in [0, 1] for the goals [n, 3] as n robots measured them: x, y [m], yaw [rad]. The
+view (stage 3) shows what else it may know. All meet the same goals, ground and bodies, and at their
+k-th decision the same noise, so a difference between two rows is due to the planners; the intervals
+say how much these 500 trials could mislead about others. `baseline` is configured as in the paper,
+all settings of `baseline_tuned` and `search` are optimised for this world (tests/studies).
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
 """
 
+import contextlib
 import csv
 import itertools
 import json
 import math
 import os
+import queue
+import runpy
 import sys
-import zipfile
+import threading
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -60,6 +64,13 @@ PAPER = {  # Table II by (planner, noise): success, timeout, fall, success time 
 }
 FIGURE_GOALS = np.array([[-0.7, 0.6, 2.6], [0.9, -0.6, 1.6]])  # x, y [m], yaw [rad]; our choice
 
+class InputError(ValueError):
+    """Something given by the user cannot be used; the message is one line that says why."""
+
+class StaleError(InputError):
+    """A file was made for another robot, walk or task."""
+
+# ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
 class BaselineSettings:
     """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
@@ -72,7 +83,6 @@ class BaselineSettings:
     far_m: float = 1.0  # [m] farther away it faces the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
 
-# ------------------------------------------------------------------------ the baseline
 def velocity_command(goal, settings):
     """Where to and how fast: goals seen from the robot [n, 3] -> v_x, v_y [m/s], ω [rad/s]."""
     d, alpha, beta = env.polar(goal)  # each [n]: distance [m], goal yaw, goal direction [rad]
@@ -132,32 +142,6 @@ class BaselinePlanner:
 CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of poses
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
-
-def double_steps(limits, factor=1.0):
-    """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
-
-    8 lengths × 5 sideways × 7 turns, both feet alike, within the limits times a factor.
-    """
-    low, high = factor * np.array(limits.low), factor * np.array(limits.high)
-    x, y = np.linspace(low[0], high[0], 8), np.linspace(-high[1], high[1], 5)
-    turn = np.linspace(low[2], -low[2], 7)  # inward for one of the feet, which is the less
-    x, y, turn = np.stack(np.meshgrid(x, y, turn, indexing="ij"), -1).reshape(-1, 3).T
-    steps = np.zeros((len(x) + 1, 2, 3))
-    steps[1:, :, 0] = x[:, None]
-    steps[1:, 0, 1], steps[1:, 1, 1] = np.maximum(y, 0), np.maximum(-y, 0)  # the leading foot
-    steps[1:, :, 2] = turn[:, None] * walk_engine.MIRROR[:, 2]
-    return walk_engine.within(steps, limits)
-
-def displacements(sim, steps):
-    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
-
-    Measured once, with the model's own body and friction: the mean of the third to sixth of six in
-    a row. Also returns which of them stood, bool [A].
-    """
-    plans = np.repeat(steps[:, None], 6, 1)
-    poses, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans)
-    moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [A, 4, 3]
-    return moved.mean(1), fall == 6
 
 def steps_to_go(moves, task):
     """How many double steps it takes to the goal, from every pose around it: dynamic programming.
@@ -222,34 +206,14 @@ class SearchPlanner:
     def act(self, view, robots, measured):
         """Actions [n, 6] of these robots."""
         pose = robot_model.relative(measured, np.zeros(3))  # of the robot, seen from the goal
+        # From beyond the map it goes to where the map begins: a carrot again.
+        edge = CELL * HALF - np.abs(self.moves[:, :2]).max() * math.sqrt(2)  # [m]
+        pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
         left = look_up(self.value, robot_model.compose(pose[:, None], self.moves))  # [n, A]
         change = np.abs(view.actions[:, :1] - self.actions).max(-1)  # [n, A]
         # What was done last may always be done again; what differs too much costs a lot.
         left = left + 100 * np.maximum(0, change - self.change)
         return self.actions[left.argmin(1)]
-
-def save_search(path, sim, factor, change, table):
-    """(steps, moves, value) as a small file: V in twentieths of a double step."""
-    steps, moves, value = table
-    about = {"fits": plain_fits(sim), "factor": factor, "change": change}
-    parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
-    ppo.atomic_write(path, lambda temporary: np.savez_compressed(
-        open(temporary, "wb"), about=json.dumps(about), steps=steps, moves=moves, parts=parts))
-
-def load_search(path, sim):
-    """The SearchPlanner of a file and a plain description of it."""
-    try:
-        with np.load(path) as stored:
-            about = json.loads(str(stored["about"]))
-            value = np.cumsum(stored["parts"], axis=2) / 20
-            table = stored["steps"], stored["moves"], value.astype(np.float32)
-        mismatch = ppo.difference(about["fits"], plain_fits(sim))
-        planner = SearchPlanner(*table, walk_engine.LIMITS[sim], about["change"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"{path}: not written by tests/studies/search.py") from error
-    if mismatch:
-        raise StaleError(f"{path}: made for another robot, run tests/studies/search.py: {mismatch}")
-    return planner, {"file": path.as_posix(), "factor": about["factor"], "change": about["change"]}
 
 # ------------------------------------------------------------------------ the policy
 class PolicyPlanner:
@@ -277,6 +241,45 @@ def load_planner(path, sim):
         raise ppo.PolicyError(f"{path}: this policy does not fit: {mismatch}")
     trained = {key: meta.get(key) for key in ("steps", "minutes", "seed")}
     return PolicyPlanner(model, imu), {"file": Path(path).as_posix(), "imu": imu, **trained}
+
+# ------------------------------------------------------------------------ your own planner
+class OwnPlanner:
+    """The class Planner of a user's file. Whatever it does wrong becomes an InputError."""
+
+    def __init__(self, path):
+        self.path, self.planner = path, None
+        self.planner = self._ask(lambda: runpy.run_path(str(path))["Planner"]())
+
+    def _ask(self, question):
+        """The answer; it is thought out in a thread, for it may take longer than we wait: 10 s."""
+        answer = queue.Queue()
+
+        def think():
+            try:
+                answer.put((question(), None))
+            except BaseException as error:  # noqa: BLE001  (even sys.exit)
+                answer.put((None, " ".join(f"{type(error).__name__}: {error}".split())))
+
+        threading.Thread(target=think, daemon=True).start()
+        try:
+            result, problem = answer.get(timeout=10)
+        except queue.Empty:
+            result, problem = None, "takes longer than 10 s"
+        if problem:
+            raise InputError(f"{self.path}: {problem}")
+        return result
+
+    def reset(self, num_robots):
+        """See the head of this file."""
+        self._ask(lambda: self.planner.reset(num_robots))
+
+    def act(self, view, robots, measured):
+        """Actions [n, 6], checked."""
+        given = self._ask(lambda: self.planner.act(view, robots.copy(), measured.copy()))
+        actions = self._ask(lambda: env.checked("actions", given, len(robots), 6))
+        if actions.min() < 0 or actions.max() > 1:
+            raise InputError(f"{self.path}: actions must lie between 0 and 1")
+        return actions
 
 # ------------------------------------------------------------------------ trials
 @dataclass
@@ -311,7 +314,8 @@ def evaluate(planner, world, trials, noise=False, watch=None):
     walking = everybody  # [m]: not ended yet
     while len(walking):
         measured = world.measure(walking)  # [m, 3] one measurement per decision
-        result = world.step(planner.act(world.view(walking, measured), walking, measured), walking)
+        view = world.view(walking, measured)
+        result = world.step(planner.act(view, walking.copy(), measured), walking)
         for name in OUTCOMES:  # judged by the pose that physics made
             outcome[walking[result[name]]] = name
         time[walking] = result["time"]
@@ -335,9 +339,14 @@ def still_there(world, reached):
             robots = robots[~result["fall"]]  # who falls the first time stays outside
     return inside
 
+def feet_poses(robot, torso, joints):
+    """Measured feet [K, 2, 3] (x, y, yaw) for torsos [K, 6] and joints [K, 12]."""
+    points, yaw = robot_model.body_points(robot, torso, joints)  # hip, knee, ankle, heel, toe
+    return np.concatenate([points[:, :, 2, :2], yaw[..., None]], -1)
+
 def record(planner, world, trials):
     """Walk without noise and keep what physics did: a dict per trial, see below."""
-    seen, walks, ankle = [[] for _ in trials.goals], [], 2  # of hip, knee, ankle, heel, toe
+    seen, walks = [[] for _ in trials.goals], []
 
     def watch(robots, result):
         for i, torso, joints in zip(robots, result["motion"].torso, result["motion"].joints):
@@ -346,9 +355,8 @@ def record(planner, world, trials):
     ended = evaluate(planner, world, trials, watch=watch)
     for i, goal in enumerate(trials.goals):
         torso, joints = (np.array(part) for part in zip(*seen[i]))  # [K, T, 6 and 12]
-        # Feet at the last tick of every double step, [K, 2, 3] x, y, yaw; the others at every tick.
-        points, yaw = robot_model.body_points(world.engine.robot, torso[:, -1], joints[:, -1])
-        feet = np.concatenate([points[:, :, ankle, :2], yaw[..., None]], -1)
+        # Feet at the last tick of every double step, the others at every tick.
+        feet = feet_poses(world.engine.robot, torso[:, -1], joints[:, -1])
         walks.append({"goal": goal, "outcome": ended["outcome"][i], "time": ended["time"][i],
                       "feet": feet, "torso": np.concatenate(torso),
                       "joints": np.concatenate(joints)})
@@ -391,7 +399,10 @@ def summary(planner, noise, std, trials, task):
         count = int((trials["outcome"] == name).sum())
         row[name] = round(count / n, 4)
         row[f"{name}_ci95"] = [round(edge, 4) for edge in wilson(count, n)]
-    row["reached_once"] = round(float(trials["reached_once"].mean()), 4)
+    row["reached_once"] = round(float(trials["reached_once"].mean()), 4)  # the paper's success
+    for name in OUTCOMES[1:]:  # and what happened to the others
+        others = (trials["outcome"] == name) & ~trials["reached_once"]
+        row[f"{name}_once"] = round(float(others.mean()), 4)
     for name, who in (("time", reached), ("time_once", trials["reached_once"])):
         times = trials[name][who]  # None: no success
         row[f"{name}_mean"] = round(float(times.mean()), 3) if len(times) else None  # [s]
@@ -401,70 +412,60 @@ def summary(planner, noise, std, trials, task):
     return row
 
 def compare(results):
-    """Time ratios of every pair of planners; trials by (planner, noise, std)."""
+    """Time ratios of every pair of planners; trials by (planner, noise, σ of the goals)."""
     ratios = []
-    for (planner, noise, std), (reference, *same) in itertools.permutations(results, 2):
-        if same == [noise, std]:
-            pair = results[planner, noise, std], results[reference, noise, std]
-            ratio, interval, goals = time_ratio(*pair)
+    for (planner, *block), (reference, *other) in itertools.permutations(results, 2):
+        if block == other:
+            own, theirs = results[planner, *block], results[reference, *block]
+            ratio, interval, goals = time_ratio(own, theirs)
             if goals:
-                ratios.append({"planner": planner, "reference": reference, "noise": noise,
-                               "goal_std_m": std, "goals": goals, "time_ratio": round(ratio, 4),
+                ratios.append({"planner": planner, "reference": reference, "noise": block[0],
+                               "goal_std_m": block[1], "goals": goals,
+                               "time_ratio": round(ratio, 4),
                                "time_ratio_ci95": [round(edge, 4) for edge in interval]})
     return ratios
 
-def shown(mean, std):
-    """Seconds in a table; None: nobody got there."""
-    return "none" if mean is None else f"{mean:.2f} ± {std:.2f}"
+def markdown(*rows):
+    """Rows of cells as a table; the first one is its head. None: there was nothing to measure."""
+    rows = rows[0], ("---",) * len(rows[0]), *rows[1:]
+    shown = (["none" if cell is None else str(cell) for cell in row] for row in rows)
+    return "".join("| " + " | ".join(row) + " |\n" for row in shown)
 
-def markdown(cells):
-    """Rows of text as a table; the first one is its head."""
-    rows = [cells[0], ("---",) * len(cells[0]), *cells[1:]]
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows) + "\n"
+def seconds(mean, std):
+    """A cell of a table."""
+    return None if mean is None else f"{mean:.2f} ± {std:.2f}"
 
 def table(rows, ratios, paper=PAPER):
-    """Markdown: our rows, the same by the paper's rule beside the paper's own, and the ratios."""
-    ours = [("goals σ", "noise", "planner", "success [95 % interval]", "timeout", "fall",
-             "success time [s]", "still there")]
-    once = [("noise", "planner", "source", "reached once", "timeout", "fall", "time [s]")]
+    """Markdown: our rows; by the paper's rule, with the paper's own; ratios of the policies."""
+    words, ours, once = ("no", "yes"), [], []
     for row in rows:
+        noise, std, there = words[row["noise"]], row["goal_std_m"], row["still_there"]
         success = "{:.3f} [{:.3f}, {:.3f}]".format(row["success"], *row["success_ci95"])
-        std, noise = row["goal_std_m"], "yes" if row["noise"] else "no"
-        there = row["still_there"]
-        ours.append((f"{std} m" if std else "own", noise, row["planner"], success,
-                     f"{row['timeout']:.3f}", f"{row['fall']:.3f}",
-                     shown(row["time_mean"], row["time_std"]),
-                     "none" if there is None else f"{there:.3f}"))
+        ours.append((f"{std} m" if std else "own", noise, row["planner"], success, f"{row['timeout']:.3f}",
+                     f"{row['fall']:.3f}", seconds(row["time_mean"], row["time_std"]),
+                     None if there is None else f"{there:.3f}"))
         if std == env.Task().goal_std_m and (row["planner"], row["noise"]) in paper:
-            once.append((noise, row["planner"], "ours", f"{row['reached_once']:.3f}", "", "",
-                         shown(row["time_once_mean"], row["time_once_std"])))
-            *rates, mean, deviation = paper[row["planner"], row["noise"]]
-            once.append(("", "", "paper", *(f"{rate:.3f}" for rate in rates),
-                         shown(mean, deviation)))
-    text = markdown(ours)
-    if len(once) > 1:
-        text += "\nBy the paper's rule, at the goal at the end of one double step:\n\n"
-        text += markdown(once)
-    lines = [f"- {r['planner']} / {r['reference']}, σ = {r['goal_std_m']} m, "
-             f"{'with' if r['noise'] else 'without'} noise: {r['time_ratio']:.3f} "
-             "[{:.3f}, {:.3f}]".format(*r["time_ratio_ci95"]) + f", {r['goals']} goals"
-             for r in ratios if r["planner"].startswith("policy")]
-    if lines:
+            keys = "reached_once", "timeout_once", "fall_once", "time_once_mean", "time_once_std"
+            for source, numbers in (("ours", [row[key] for key in keys]),
+                                    ("paper", paper[row["planner"], row["noise"]])):
+                once.append((noise, row["planner"], source, *(f"{x:.3f}" for x in numbers[:3]),
+                             seconds(*numbers[3:])))
+    text = markdown(("goals σ", "noise", "planner", "success [95 % interval]", "timeout", "fall",
+                     "success time [s]", "still there"), *ours)
+    if once:
+        text += "\nBy the paper's rule, once at the goal, in two worlds:\n\n" + markdown(
+            ("noise", "planner", "source", "success", "timeout", "fall", "time [s]"), *once)
+    mine = [r for r in ratios if r["planner"].startswith("policy")]
+    if mine:
         text += "\nMean success time relative to another planner, over goals both reached:\n\n"
-        text += "\n".join(lines) + "\n"
+    for r in mine:
+        interval = "{:.3f} [{:.3f}, {:.3f}]".format(r["time_ratio"], *r["time_ratio_ci95"])
+        size = f"σ {r['goal_std_m']} m" if r["goal_std_m"] else "own goals"
+        text += (f"- {r['planner']} / {r['reference']}, {size}, "
+                 f"{'with' if r['noise'] else 'without'} noise: {interval}, {r['goals']} goals\n")
     return text
 
 # ------------------------------------------------------------------------ files
-class InputError(ValueError):
-    """Something given by the user cannot be used; the message is one line that says why."""
-
-class StaleError(InputError):
-    """A file was made for another robot, walk or task."""
-
-def plain_fits(sim):
-    """The fingerprint of stage 3 as JSON gives it back, with lists for tuples."""
-    return json.loads(json.dumps(env.fingerprint(sim)))
-
 def read_trials(path, seed, friction):
     """The Trials of a CSV file with columns x, y [m], yaw [rad].
 
@@ -477,39 +478,61 @@ def read_trials(path, seed, friction):
             reader = csv.DictReader(file)
             reader.fieldnames = [name.strip().lower() for name in reader.fieldnames or ()]
             for row in reader:
+                goal = row["x"], row["y"], row["yaw"]  # a KeyError here is the fault of line 1
                 line = reader.line_num
-                numbers = [row["x"], row["y"], row["yaw"], row.get("seed", seed),
-                           row.get("trial", len(trials)),
-                           row.get("mu", friction) if np.isnan(friction) else friction]
-                numbers = tuple(float(number) for number in numbers)
-                whole = [number >= 0 and number.is_integer() for number in numbers[3:5]]
-                if None in row or not np.isfinite(numbers[:5]).all() or not all(whole):
+                goal = tuple(float(text) for text in goal)
+                key = int(row.get("seed", seed)), int(row.get("trial", len(trials)))
+                mu = float(row.get("mu", friction)) if np.isnan(friction) else friction
+                if None in row or None in row.values() or not np.isfinite(goal).all():
                     raise ValueError("a number is not finite, or too many or too few values")
-                if "mu" in row and not 0 <= numbers[5] < 100:
-                    raise ValueError("mu is not a friction")
-                trials[str(numbers)] = numbers
+                if min(key) < 0 or not 0 <= mu <= 100 and ("mu" in row or not np.isnan(mu)):
+                    raise ValueError("seed, trial and mu are at least 0, mu is at most 100")
+                trials[goal, key, str(mu)] = goal, key, mu
         if not trials:
             raise ValueError("there is none")
     except (OSError, UnicodeDecodeError, ValueError, TypeError, KeyError, csv.Error) as error:
         reason = f"needs columns x, y, yaw and finite numbers below them ({error})"
         raise InputError(f"{path}, line {line}: {reason}") from error
-    x, y, yaw, seeds, trial, mu = np.array(list(trials.values())).T
-    goals = np.stack([x, y, env.wrap(yaw)], -1)
-    return Trials(goals, seeds.astype(int), trial.astype(int), mu)
+    goals, keys, mu = zip(*trials.values())
+    goals = np.array(goals)
+    goals[:, 2] = env.wrap(goals[:, 2])
+    return Trials(goals, *map(np.array, zip(*keys)), np.array(mu))
 
-def read_settings(path, sim):
-    """The BaselineSettings of a file: all eight, finite, made for this robot."""
+def check_fits(path, stored, sim):
+    """StaleError if what is stored in a file is not the fingerprint of stage 3."""
+    mismatch = ppo.difference(stored, json.loads(json.dumps(env.fingerprint(sim))))  # as JSON
+    if mismatch:
+        raise StaleError(f"{path}: made for another robot, see tests/studies/: {mismatch}")
+
+def load_baseline(path, sim):
+    """The tuned BaselinePlanner of a file (all eight settings), and what to say of it."""
     try:
         stored = json.loads(path.read_text(encoding="utf-8"))
-        values = env.checked("", list(stored["settings"].values()), 8)
-        settings = BaselineSettings(**dict(zip(stored["settings"], values)))
-        mismatch = ppo.difference(stored.get("fits", {}), plain_fits(sim))
+        names, values = zip(*stored["settings"].items())
+        settings = BaselineSettings(**dict(zip(names, env.checked("settings", values, 8))))
+        fits = dict(stored.get("fits", {}))
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f"{path}: not written by tests/studies/baseline.py") from error
-    if mismatch:
-        raise StaleError(f"{path}: tuned for another robot, see tests/studies/baseline.py: "
-                         f"{mismatch}")
-    return settings
+    check_fits(path, fits, sim)
+    return BaselinePlanner(settings), {"file": path.as_posix()}
+
+def load_search(path, sim):
+    """The SearchPlanner of a file, and what to say of it."""
+    try:
+        with np.load(path) as stored:
+            about = json.loads(str(stored["about"]))
+            steps, moves = stored["steps"], stored["moves"]
+            # Kept are the differences along x, in twentieths of a double step.
+            value = np.cumsum(stored["parts"], axis=2, dtype=np.float32) / 20
+        env.checked("V", value, TURNS, 2 * HALF + 1, 2 * HALF + 1)
+        env.checked("steps", steps, len(moves), 2, 3)
+        env.checked("moves", moves, len(moves), 3)
+        fits, facts = dict(about["fits"]), {key: float(about[key]) for key in ("factor", "change")}
+        planner = SearchPlanner(steps, moves, value, walk_engine.LIMITS[sim], facts["change"])
+    except Exception as error:  # numpy and zipfile raise many types
+        raise InputError(f"{path}: not written by tests/studies/search.py") from error
+    check_fits(path, fits, sim)
+    return planner, {"file": path.as_posix(), **facts}
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system; the old file or the new one, never half of one."""
@@ -521,8 +544,8 @@ def write_json(path, content):
 
 def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
-    lines = ["planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
-             "reached_once,time_once"]
+    head = "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there"
+    lines = [head + ",reached_once,time_once"]
     for (planner, noise, std), trials in results.items():
         asked, words = blocks[std], ("no", "yes")
         for i, (x, y, yaw) in enumerate(asked.goals.tolist()):
@@ -540,7 +563,7 @@ def arrows(axes, poses, color, length=0.08, width=0.012, **kw):
     axes.quiver(x, y, np.cos(yaw), np.sin(yaw), color=color, angles="xy", units="xy", width=width,
                 scale_units="xy", scale=1 / length, headwidth=3.5, headlength=3.5, **kw)
 
-def draw_walk(axes, walk, ticks=None):
+def draw_walk(axes, walk, ticks=None, color="black", label="torso on the ground"):
     """Seen from above: the first `ticks` control ticks of a recorded walk (default: all)."""
     ticks, goal = ticks or len(walk["torso"]), walk["goal"]
     steps = ticks * len(walk["feet"]) // len(walk["torso"])  # whole double steps
@@ -551,7 +574,7 @@ def draw_walk(axes, walk, ticks=None):
     for side, label in enumerate(("left foot", "right foot") if steps else ()):
         arrows(axes, walk["feet"][:steps, side], robot_model.COLORS[side], zorder=3, label=label)
     path = np.vstack([[0, 0], walk["torso"][:ticks, :2]])
-    axes.plot(*path.T, color="black", lw=1, zorder=4, label="torso on the ground")
+    axes.plot(*path.T, color=color, lw=1, zorder=4, label=label)
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.3)
 
@@ -578,35 +601,101 @@ def plot_footsteps(columns, path):
     ppo.atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
     plt.close(figure)
 
-def plot_animation(walk, path, robot, every=10, longest=16.0):
-    """A walk (its first `longest` seconds) in real time, seen from the side and from above."""
-    torso, dt = walk["torso"][: round(longest / robot.control_dt)], robot.control_dt  # [M, 6]
+def plot_race(walks, path, robot, every=20):
+    """Walks to one goal by planner, at twice their speed; the first one also from the side."""
+    name, first = next(iter(walks.items()))
+    dt, lengths = robot.control_dt, {key: len(walk["torso"]) for key, walk in walks.items()}
     # The camera walks along: x is the way of the torso along its own heading, [M]; y and yaw are 0.
+    torso = first["torso"]
     way = robot_model.turned(np.diff(torso[:, :2], axis=0, prepend=0), -torso[:, 5])[:, 0].cumsum()
-    beside = torso.copy()
-    beside[:, 0], beside[:, 1], beside[:, 5] = way, 0, 0
-    corners = np.vstack([torso[:, :2], [walk["goal"][:2]]])
-    low, high = corners.min(0) - 0.3, corners.max(0) + 0.3
+    beside = np.column_stack([way, 0 * way, torso[:, 2:5], 0 * way])
     figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
 
     def draw(tick):
         side.clear()
         top.clear()
-        robot_model.draw_robot(side, robot, beside[tick], walk["joints"][tick])
+        now = min(tick, lengths[name] - 1)
+        robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
         side.axhline(0, color="black", lw=1)
-        side.set(xlim=(way[tick] - 0.4, way[tick] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
-                 xlabel="way walked [m]", ylabel="z [m]")
-        ended = tick + 1 == len(walk["torso"])
-        side.set_title(ending(walk) if ended else f"{(tick + 1) * dt:.1f} s")
-        draw_walk(top, walk, tick + 1)
-        top.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), title="from above")
+        side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
+                 xlabel="way walked [m]", ylabel="z [m]", title=f"{name}, from the side")
+        clocks = []
+        for k, (key, walk) in enumerate(walks.items()):
+            at = min(tick + 1, lengths[key])
+            draw_walk(top, walk, at, ("black", "tab:orange")[k], key)
+            done = at == lengths[key]
+            clocks.append(f"{key}: {ending(walk) if done else f'{at * dt:.1f} s'}")
+        top.set(xlim=(-1.3, 0.4), ylim=(-0.4, 1.0))
+        top.set_title("\n".join(clocks), fontsize=10, loc="left")
 
-    frames = list(range(0, len(torso) - 1, every)) + [len(torso) - 1] * 15  # the end stays a while
+    longest = max(lengths.values())
+    frames = [*range(0, longest - 1, every), *[longest - 1] * 15]  # the end stays a while
     temporary = path.with_name(path.stem + ".tmp.gif")  # Pillow wants the ending .gif
     animation = FuncAnimation(figure, draw, frames, init_func=lambda: None)
-    animation.save(temporary, PillowWriter(fps=round(1 / (every * dt))), dpi=75)
+    animation.save(temporary, PillowWriter(fps=2 / (every * dt)), dpi=75)
     os.replace(temporary, path)
     plt.close(figure)
+
+# ------------------------------------------------------------------------ to play with
+class Field:
+    """Seen from above: press the mouse at a goal, drag to where the toes shall point, let go."""
+
+    def __init__(self, world, planner):
+        self.world, self.planner, self.pressed = world, planner, None
+        self.figure, self.axes = plt.subplots(figsize=(7, 7), layout="constrained")
+        self.figure.canvas.mpl_connect("button_press_event", self.press)
+        self.figure.canvas.mpl_connect("button_release_event", self.release)
+        self.pictures = self.live()
+
+    def press(self, event):
+        """The place of the goal."""
+        self.pressed = [event.xdata, event.ydata] if event.inaxes is self.axes else None
+
+    def release(self, event):
+        """Its yaw: along the drag, or as the robot stands now."""
+        if self.pressed and event.inaxes is self.axes:
+            x, y = np.subtract([event.xdata, event.ydata], self.pressed)
+            yaw = math.atan2(y, x) if math.hypot(x, y) > 0.05 else self.world.pose[0, 2]
+            self.world.goal[0] = [*self.pressed, yaw]
+
+    def live(self):
+        """Steps for ever, and stands up again after a fall; every yield is a picture."""
+        world, engine, robots = self.world, self.world.engine, np.array([0])
+        while True:
+            world.reset(robots, goals=np.zeros((1, 3)))
+            self.planner.reset(1)
+            path, fell = np.zeros((1, 6)), False
+            while not fell:
+                measured = world.measure(robots)
+                action = self.planner.act(world.view(robots, measured), robots, measured)
+                right, middle = engine.feet[:, 1], engine.feet[0].mean(0)  # in the engine's frame
+                ahead = engine.landings(right, env.to_footsteps(action, world.limits))
+                ahead = robot_model.relative(middle, np.concatenate(ahead))  # [2, 3]
+                ahead = robot_model.compose(world.pose[0], ahead)  # in the world
+                result = world.step(action, robots)
+                fell = result["fall"][0]
+                for torso in result["motion"].torso[0, 9::10]:  # ten times a second
+                    path = np.vstack([path, torso])[-300:]
+                    self.axes.clear()
+                    walk = {"goal": world.goal[0], "torso": path, "feet": np.zeros((0, 2, 3))}
+                    draw_walk(self.axes, walk)
+                    for pose, color in zip(ahead, robot_model.COLORS):
+                        arrows(self.axes, [pose], color)
+                    self.axes.set(xlim=(-2, 2), ylim=(-2, 2), title="fell" if fell else "")
+                    self.figure.canvas.draw_idle()
+                    yield
+
+def play(world, planner):
+    """A window to play in, until it is closed."""
+    for backend in ("MacOSX", "QtAgg", "TkAgg"):
+        with contextlib.suppress(ImportError):
+            plt.switch_backend(backend)
+            field = Field(world, planner)
+            timer = field.figure.canvas.new_timer(interval=100)  # [ms]
+            timer.add_callback(next, field.pictures)
+            timer.start()
+            return plt.show()
+    raise InputError("--play needs a display, and Tk or Qt")
 
 # ------------------------------------------------------------------------ command line
 def find(sim, name):
@@ -614,68 +703,92 @@ def find(sim, name):
     places = [Path(folder) / sim / name for folder in ("runs", "results")]
     return next((place for place in places if place.is_file()), None)
 
-def choose_planners(sim, chosen=None, imu=False):
+def choose_planners(sim, chosen=None, imu=False, own=None):
     """Planners by row name, the one for the figures first, and what evaluation.json says of them.
 
     The first policy, the one that the user named (chosen) or asked for (imu), must fit the world;
-    the other one joins if it does.
+    the other ones join if they do. own: the file of a planner.
     """
     first, second = chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")
     first, second = (second, first) if imu else (first, second)
     if first is None:
         command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco") + " --imu" * imu
         raise InputError(f"no policy for {sim} yet: train one with `{command}`, or use --policy")
-    planner, facts = load_planner(first, sim)
-    name = "policy_imu" if planner.imu else "policy"
-    planners, about = {name: planner}, {name: facts}
-    try:
-        planner, facts = load_planner(second or first, sim)
-        name = "policy_imu" if planner.imu else "policy"
-        planners.setdefault(name, planner)
-        about.setdefault(name, facts)
-    except ppo.PolicyError as error:
-        print(f"left out: {error}", file=sys.stderr)
-    planners["baseline"] = BaselinePlanner()
-    for name, file in (("baseline_tuned", "baseline_tuned.json"), ("search", "search.npz")):
-        path = find(sim, file)
+    planners, about = {}, {}
+
+    def add(name, load, path):
         try:
-            if path and name == "search":
-                planners[name], about[name] = load_search(path, sim)
-            elif path:
-                planners[name] = BaselinePlanner(read_settings(path, sim))
-                about[name] = {"file": path.as_posix()}
-        except StaleError as error:
+            planner, facts = load(path, sim)
+            name = name or ("policy_imu" if planner.imu else "policy")
+            if name not in planners:
+                planners[name], about[name] = planner, facts
+        except (StaleError, ppo.PolicyError) as error:
+            if not planners:
+                raise
             print(f"left out: {error}", file=sys.stderr)
+
+    add(None, load_planner, first)
+    if second:
+        add(None, load_planner, second)
+    planners["baseline"] = BaselinePlanner()
+    for name, load, file in (("baseline_tuned", load_baseline, "baseline_tuned.json"),
+                             ("search", load_search, "search.npz")):
+        if find(sim, file):
+            add(name, load, find(sim, file))
+    if own:
+        planners[own.stem], about[own.stem] = OwnPlanner(own), {"file": own.as_posix()}
     return planners, about
 
 def run(world, blocks, planners, about, args, out):
     """Every planner in every block of Trials, with --noise once more; then the files."""
     print(*(f"{name}: {facts}" for name, facts in about.items()), sep="\n")
-    results = {}
-    noises = (False, True)[: 1 + args.noise]
-    jobs = list(itertools.product(planners, noises, blocks))
-    for job in (bar := tqdm(sorted(jobs, key=lambda j: (j[2] or 0, j[1])), unit=" rows",
-                            dynamic_ncols=True)):
+    results, first = {}, next(iter(planners))
+    jobs = [(name, noise, std) for std in blocks for noise in (False, True)[: 1 + args.noise]
+            for name in planners]
+    for job in (bar := tqdm(jobs, unit=" rows", dynamic_ncols=True)):
         name, noise, std = job
         bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
         results[job] = evaluate(planners[name], world, blocks[std], noise)
     rows = [summary(*job, trials, world.task) for job, trials in results.items()]
-    ratios, first = compare(results), next(iter(planners))
+    ratios = compare(results)
     text = table(rows, ratios)
     print("\n" + text)  # first of all: writing may fail
     write_json(out / "evaluation.json", {
         "sim": args.sim, "policy": about[first], "planners": about, "seed": args.seed,
-        "goals": args.goals or "drawn",
-        "friction": "drawn" if np.isnan(args.friction) else args.friction,
-        "rows": rows, "ratios": ratios})
+        "goals": args.goals or "drawn", "rows": rows, "ratios": ratios,
+        "friction": "drawn" if np.isnan(args.friction) else args.friction})
     write_trials(out / "trials.csv", blocks, results)
     write_text(out / "table.md", text)
     shown = replace(draw_trials(args.seed, len(FIGURE_GOALS)), goals=FIGURE_GOALS)
     walks = {name: record(planners[name], world, shown) for name in ("baseline", first)}
     plot_footsteps(walks, out / "footsteps.png")
-    if args.gif:  # half a minute
-        plot_animation(walks[first][0], out / "animation.gif", world.engine.robot)
+    if args.gif:  # a minute
+        race = {name: walks[name][0] for name in (first, "baseline")}
+        plot_race(race, out / "animation.gif", world.engine.robot)
     print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
+
+def parse(argv):
+    """The checked arguments."""
+    parser = robot_model.StageParser(__doc__, Path(__file__).name)
+    parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
+    parser.add_argument("--far", action="store_true", help="a second block: goals twice as far")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1), default=500,
+                       help="goals (default 500)")
+    which.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
+    parser.add_argument("--friction", type=friction, metavar="MU", default=math.nan,
+                        help="of the ground, for all; else drawn")
+    parser.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
+    parser.add_argument("--planner", type=Path, metavar="FILE.py", help="a planner of your own")
+    parser.add_argument("--imu", action="store_true", help="show the policy with IMU in figures")
+    parser.add_argument("--gif", action="store_true", help="also draw animation.gif, a race")
+    parser.add_argument("--play", action="store_true", help="click a goal, watch the robot walk")
+    args = parser.parse(argv)
+    if args.imu and args.policy:
+        parser.error("--imu chooses a policy by itself, leave out --policy")
+    if args.far and args.goals:
+        parser.error("--far draws goals, --goals brings its own: leave out one of them")
+    return parser, args
 
 def friction(text):
     """A friction coefficient of the command line."""
@@ -684,38 +797,24 @@ def friction(text):
     return float(text)
 
 def main(argv=None):
-    parser = robot_model.StageParser(__doc__, Path(__file__).name)
-    parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
-    which = parser.add_mutually_exclusive_group()
-    which.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1), default=500,
-                       help="goals (default 500)")
-    which.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
-    parser.add_argument("--far", action="store_true", help="a second block: goals twice as far")
-    parser.add_argument("--friction", type=friction, metavar="MU", default=np.nan,
-                        help="of the ground, for all; else drawn")
-    parser.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
-    parser.add_argument("--imu", action="store_true", help="show the policy with IMU in figures")
-    parser.add_argument("--gif", action="store_true", help="also draw animation.gif")
-    args = parser.parse(argv)
-    if args.imu and args.policy:
-        parser.error("--imu chooses a policy by itself, leave out --policy")
-    if args.far and args.goals:
-        parser.error("--far draws goals, --goals brings its own: leave out one of them")
+    parser, args = parse(argv)
     world, task = None, env.Task()
     torch.set_num_threads(1)  # a policy this small is slower on several threads
     try:
         if args.goals:
             blocks = {None: read_trials(args.goals, args.seed, args.friction)}
         else:  # by the spread of the goals
-            settings = args.seed, args.episodes
-            blocks = {task.goal_std_m: draw_trials(*settings, False, args.friction)}
-            if args.far:
-                blocks[task.far_std_m] = draw_trials(*settings, True, args.friction)
-        count = max(len(trials.goals) for trials in blocks.values())
-        planners, about = choose_planners(args.sim, args.policy, args.imu)
+            blocks = {std: draw_trials(args.seed, args.episodes, far, args.friction)
+                      for std, far in ((task.goal_std_m, False), (task.far_std_m, True))
+                      if args.far or not far}
+        planners, about = choose_planners(args.sim, args.policy, args.imu, args.planner)
         out = parser.folder(args)
-        world = env.FootstepWorld(max(count, len(FIGURE_GOALS)), args.sim)
-        run(world, blocks, planners, about, args, out)
+        count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
+        world = env.FootstepWorld(1 if args.play else count, args.sim)
+        if args.play:
+            play(world, [*planners.values()][-1 if args.planner else 0])
+        else:
+            run(world, blocks, planners, about, args, out)
     except (InputError, ppo.PolicyError, OSError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:

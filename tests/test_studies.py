@@ -8,8 +8,10 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,31 +24,74 @@ STUDIES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in (
 SIMS = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 EVERY = pytest.mark.parametrize("name", STUDIES)
 
+SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the others
+    "baseline": {"ITERATIONS": 2, "POPULATION": 3, "ELITE": 2, "SETS": 1, "FINALISTS": 2,
+                 "WALKS": 2},
+    "search": {"FACTORS": (0.5,), "CHANGES": (0.2, 1.0), "WALKS": 2, "FINALISTS": 1},
+    "kicks": {"STEPS": 8, "SETS": 1, "SPEEDS": (0.0, 3.0)},
+    "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
+}
+
 def run(name, *flags):
     """The study on the command line, but in this process."""
     common.main(str(FOLDER / f"{name}.py"), list(flags))
+
+def make_small(monkeypatch, name):
+    """The sizes of a study become tiny."""
+    for size, value in SIZES.get(name, {"SETS": 1}).items():
+        monkeypatch.setattr(import_module(name), size, value, raising=False)
 
 def hashes(folder):
     """What is in every file of a folder."""
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in folder.rglob("*") if path.is_file()}
 
-@pytest.fixture
-def tiny(monkeypatch, tmp_path):
-    """Three goals, one core, everything in a folder of its own; the folder, with a copy of results.
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    """A results/ folder with all that is judged, like policies that have learned nothing."""
+    folder, search = tmp_path_factory.mktemp("made"), import_module("search")
+    for sim in ("pymunk", "mujoco"):
+        limits, about = env.walk_engine.LIMITS[sim], {"fits": env.fingerprint(sim)}
+        forward = env.to_action(np.array([[0.05, 0, 0], [0.05, 0, 0]]), limits)
+        for imu in (False, True):
+            kind = folder / sim / ("imu" if imu else "")
+            for seed in kept.SEEDS:
+                torch.manual_seed(seed)
+                out = kind / "seeds" / str(seed)
+                out.mkdir(parents=True)
+                model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=forward)
+                ppo.save_policy(out / "policy.pt", model, {"fits": env.fingerprint(sim, imu)})
+                (out / "learning_curve.csv").write_text(
+                    "steps,success,fall,time\n4096,nan,nan,nan\n8192,0.98,0,8\n12288,1,0,7\n")
+            for name in ("policy.pt", "learning_curve.csv"):
+                shutil.copyfile(kind / "seeds" / "0" / name, kind / name)
+            (kind / "learning_curve.png").write_bytes(b"a picture")
+        tuned = about | {"settings": vars(evaluate.BaselineSettings())}
+        common.write(folder / sim / "baseline_tuned.json", common.as_json(tuned))
+        steps = search.double_steps(limits, 0.5)
+        cells = evaluate.CELL * np.arange(-evaluate.HALF, evaluate.HALF + 1)
+        value = np.hypot(cells[:, None], cells) / 0.2  # a straight line, 0.2 m a double step
+        table = steps, steps.sum(1) * [1, 1, 0], np.tile(value, (evaluate.TURNS, 1, 1))
+        search.save(folder / sim / "search.npz", sim, 0.5, 1.0, table)
+    return folder
 
-    The trainings are the shipped ones.
+@pytest.fixture
+def tiny(made, monkeypatch, tmp_path):
+    """Three goals a set, six seconds for each, one core, everything in a folder of its own.
+
+    The trainings are those of `made`.
     """
     def train(sim, seed, imu=False):
-        shipped, out = common.RESULTS / sim / ("imu" if imu else ""), tmp_path / f"{imu}{seed}"
-        shutil.copytree(shipped / "seeds" / str(seed), out, dirs_exist_ok=True)
-        shutil.copyfile(shipped / "learning_curve.png", out / "learning_curve.png")
+        source, out = made / sim / ("imu" if imu else ""), tmp_path / f"{imu}{seed}"
+        shutil.copytree(source / "seeds" / str(seed), out, dirs_exist_ok=True)
+        shutil.copyfile(source / "learning_curve.png", out / "learning_curve.png")
         return out
 
-    shutil.copytree(common.RESULTS, tmp_path / "results")
+    shutil.copytree(made, tmp_path / "results")
     monkeypatch.setattr(common, "RESULTS", tmp_path / "results")
     monkeypatch.setattr(common, "RUNS", tmp_path / "runs")
     monkeypatch.setattr(common.robot_model, "CORES", 1)
+    monkeypatch.setattr(env, "Task", partial(env.Task, time_limit=6.0))
     monkeypatch.setattr(kept, "PER_SEED", 3)
     monkeypatch.setattr(kept, "train", train)
     return tmp_path
@@ -88,7 +133,9 @@ def test_every_study_prints_its_duration_first_and_ships_only_if_told_to(
 def test_wrong_flags_and_missing_files_get_one_line(tiny, capsys):
     shutil.rmtree(common.RESULTS / "pymunk" / "seeds")
     for name, flags, reason in (("falls", [], "seeds/0/policy.pt: no such file"),
-                                ("speed", ["--seed", "1"], "--seed"),
+                                ("times", [], "trials.csv"),
+                                ("ground", [], "add --mujoco"), ("kicks", [], "add --mujoco"),
+                                ("limits", ["--seed", "1"], "--seed"),
                                 ("noise", ["--episodes=3"], "--episodes")):
         with pytest.raises(SystemExit) as stop:
             run(name, *flags)
@@ -104,9 +151,9 @@ def test_the_script_itself_starts():
 def test_an_interruption_is_no_error(monkeypatch, capsys):
     def stop(sim):
         raise KeyboardInterrupt
-    monkeypatch.setattr(import_module("speed"), "study", stop)
+    monkeypatch.setattr(import_module("limits"), "study", stop)
     with pytest.raises(SystemExit) as end:
-        run("speed")
+        run("limits")
     assert end.value.code == 130 and "the same command continues" in capsys.readouterr().err
 
 
@@ -115,6 +162,7 @@ def test_an_interruption_is_no_error(monkeypatch, capsys):
 def test_chosen_policies_are_replaced_only_by_ship(name, sim, prefix, tiny, monkeypatch):
     study, results = import_module(name), common.RESULTS
     monkeypatch.setattr(study, "SETS", 1)
+    monkeypatch.setattr(study, "GROUND_SETS", 1, raising=False)
     (results / sim / prefix / "policy.pt").write_bytes(b"older")
     before, flags = hashes(results), ["--mujoco"] * (sim == "mujoco")
     run(name, *flags)
@@ -134,14 +182,29 @@ def test_chosen_policies_are_replaced_only_by_ship(name, sim, prefix, tiny, monk
     assert changed <= {path for path in mine if path.startswith(prefix or "")} | {
         f"studies/{name}{end}" for end in (".json", ".md", ".png")}
 
+@pytest.mark.parametrize("name", ["decision", "falls", "robustness", "noise"])
+def test_a_study_that_only_judges_runs_from_end_to_end(name, tiny, monkeypatch):
+    make_small(monkeypatch, name)
+    run(name)
+    assert {f"{name}.json", f"{name}.md"} <= set(hashes(common.RUNS / "pymunk"))
+
+def test_the_price_of_the_ground_is_measured_from_end_to_end(tiny, monkeypatch):
+    make_small(monkeypatch, "ground")
+    for name, value in (("LEVELS", 2), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
+        monkeypatch.setattr(env.walk_engine, name, value)
+    run("ground", "--mujoco")
+    found = common.read_json(common.RUNS / "mujoco" / "ground.json")
+    assert len(found["grounds"]) == 3 and len(found["curve"]) == 1
+
 @SIMS
-def test_the_shipped_comparison_of_times_comes_from_the_shipped_trials(sim, monkeypatch):
-    times = import_module("times")
-    monkeypatch.setattr(times.speed, "fastest", lambda sim: (0.5, [0.1, 0.0]))  # for the figure
-    found, folder = times.study(sim), common.RESULTS / sim / "studies"
+def test_the_shipped_comparison_of_times_comes_from_the_shipped_trials(sim):
+    times, folder = import_module("times"), common.RESULTS / sim
+    if not (folder / "search.npz").is_file():
+        pytest.skip("nothing of this world is shipped yet")
+    found = times.study(sim)
     common.plt.close(found.figure)
-    assert found.table == (folder / "times.md").read_text(encoding="utf-8")
-    assert found.numbers == common.read_json(folder / "times.json")
+    assert found.table == (folder / "studies" / "times.md").read_text(encoding="utf-8")
+    assert found.numbers == common.read_json(folder / "studies" / "times.json")
 
 
 # ------------------------------------------------------------------------ what is kept
@@ -157,12 +220,12 @@ def test_a_result_is_kept_under_everything_it_depends_on():
 def test_an_interrupted_study_takes_up_its_finished_trials(tiny):
     asked = []
 
-    class Forward(evaluate.BaselinePlanner):
-        def act(self, world, robots, measured):
+    class Counting(evaluate.BaselinePlanner):
+        def act(self, view, robots, measured):
             asked.append(len(robots))
-            return super().act(world, robots, measured)
+            return super().act(view, robots, measured)
 
-    planner = Forward(import_module("baseline").settings(3.0, 0.6))
+    planner = Counting()
     trials = kept.Trials("pymunk")
     first = trials.run(planner, "key", True, count=1)
     decisions = len(asked)
@@ -176,36 +239,68 @@ def test_an_interrupted_study_takes_up_its_finished_trials(tiny):
 
 def test_tuning_and_evaluation_have_different_goals(tiny):
     trials = kept.Trials("pymunk")
-    planner = kept.baseline(import_module("baseline").settings(3.0, 0.6))
+    planner = kept.baseline(evaluate.BaselineSettings())
     sets = [trials.run(*planner, False, 0, 1, purpose=purpose)["goals"]
             for purpose in ("tuning", "evaluation")]
     trials.close()
     assert not np.isclose(*sets).any(), "the baseline would be tuned on the goals it is judged by"
 
-def test_a_fall_is_recorded_with_its_step_and_its_moment(tiny, monkeypatch):
-    """Two double steps on the spot, then longer and longer ones until everybody has fallen."""
-    lengths = np.array([0.0, 0.0, 0.42, 0.44, 0.46, 0.48, 0.5])  # [m]
+def test_another_world_has_other_trials(tiny):
+    planner, spread = kept.baseline(evaluate.BaselineSettings()), common.robot_model.Spread
+    ends = []
+    for zero in (spread(), spread(0, 0, 0, 0, 0)):
+        trials = kept.Trials("mujoco", zero)
+        ends.append(trials.run(*planner, False, count=1)["friction"])
+        ends.append(trials.run(*planner, False, count=1, friction=1.2)["friction"])
+        trials.close()
+    assert np.ptp(ends[0]) > 0 and (ends[2] == 0.7).all(), "it took the other world's trials"
+    assert (ends[1] == 1.2).all() and (ends[3] == 1.2).all(), "friction is what was asked for"
 
-    class Lunge(evaluate.BaselinePlanner):
-        def act(self, world, robots, measured):
+def test_a_fall_is_recorded_with_its_step_its_moment_and_what_came_before(tiny, monkeypatch):
+    """Two double steps on the spot, then longer and longer ones until everybody has fallen."""
+    lengths, ends = np.array([0.0, 0.0, 0.42, 0.44, 0.46, 0.48, 0.5]), []  # [m]
+
+    class Lunge:
+        def reset(self, num_robots):
+            self.steps = 0
+
+        def act(self, view, robots, measured):
             footsteps = np.zeros((len(robots), 2, 3))
-            footsteps[:, :, 0] = lengths[world.steps[robots]][:, None]
-            return env.to_action(footsteps, world.limits)
+            footsteps[:, :, 0] = lengths[self.steps]
+            self.steps += 1
+            return env.to_action(footsteps, view.limits)
 
     limits = env.walk_engine.StepLimits(low=(-0.5, -0.04, -0.3), high=(0.5, 0.1, 0.45))
     monkeypatch.setitem(env.walk_engine.LIMITS, "mujoco", limits)
-    trials = kept.Trials("mujoco")
+    trials = kept.Trials("mujoco", common.robot_model.Spread(0, 0, 0, 0, 0))
+    sim = trials.make_world().sim
+    sim.run = record(sim.run, ends)
     found = trials.run(Lunge(), "lunge", False, count=1)
     trials.close()
     assert (found["outcome"] == "fall").all()
     last = np.sort(found["steps"]) - 1
     assert (last >= 2).all(), "on the spot nobody falls"
-    now, before, when = found["falls"][:, 3:].T
+    now, before, pitch, when, mu = found["falls"][:, 3:].T
     np.testing.assert_allclose(now, lengths[last], err_msg="length of the step that fell")
     np.testing.assert_allclose(before, lengths[last - 1], err_msg="of the one before")
     assert (when >= 0).all() and (when < 1).all(), "a share of the double step"
+    assert (mu == 0.7).all(), "friction of the ground"
+    # Without a spread all three do the same: the pitch of any of them will do.
+    np.testing.assert_allclose(pitch, [ends[k - 1][0, 4] for k in last], atol=1e-6,
+                               err_msg="pitch at the end of the double step before the fall")
+    tilts = [np.abs(end[0, 4]) > kept.TILTED for end in ends]
+    np.testing.assert_array_equal(np.sort(found["tilted"]), [sum(tilts[:k]) for k in last],
+                                  err_msg="double steps that began tilted, the fall's included")
     moved = np.hypot(*(found["falls"][:, :2] - found["goals"][:, :2])[last == 2].T)
     assert (moved < 0.1).all(), "the goal is recorded as it was before the step that fell"
+
+def record(run, ends):
+    """A simulator's run that also keeps where the torsos were."""
+    def recorded(*arguments):
+        motion = run(*arguments)
+        ends.append(motion.torso[:, -1])
+        return motion
+    return recorded
 
 def test_the_median_seed_is_neither_the_best_nor_the_worst():
     rows = [{"seed": seed, "success": success, "time_mean": time}
@@ -281,6 +376,20 @@ def test_hidden_observation_is_the_action_before_the_last_one():
     assert not observations[:, ablations.LATER].any(), "the policy can still see it"
     assert observations[:, 8:14].any(), "the last action must stay visible"
 
+def test_the_hidden_planner_sees_what_it_was_trained_with(tiny):
+    ablations, world = import_module("ablations"), env.FootstepWorld(2, "mujoco", cores=1)
+    planner, _ = kept.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")
+    world.reset([0, 1])
+    world.actions[:, 1] = 0.9, 0.1, 0.2, 0.9, 0.1, 0.8
+    measured = world.measure([0, 1])
+    hidden = ablations.HiddenPlanner(planner.model).act(world.view([0, 1], measured), [0, 1],
+                                                        measured)
+    seen = world.observe([0, 1], measured)
+    world.close()
+    assert not np.allclose(hidden, planner.model.decide(seen), atol=1e-6)
+    seen[:, ablations.LATER] = 0
+    np.testing.assert_array_equal(hidden, planner.model.decide(seen))
+
 def test_every_reward_term_has_its_ablation():
     zero, still, variants = np.zeros((1, 3)), np.zeros((1, 6)), import_module("ablations").VARIANTS
     terms = env.reward_terms(zero, zero, still, still, np.zeros(1), np.zeros(1))
@@ -310,6 +419,10 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     with torch.no_grad():
         log_prob = model.policy(obs).log_prob(action).numpy()
     np.testing.assert_allclose(log_prob, expected, atol=0.1)
+    model.sharpness = 4.0  # p(x)^k ∝ exp(−k·z²/2)
+    with torch.no_grad():
+        sharp = model.policy(obs).stddev[0].numpy()
+    np.testing.assert_allclose(sharp, std / 2, rtol=1e-4, err_msg="it must sharpen like the Beta")
 
 def test_gaussian_policy_learns_with_the_same_ppo():
     torch.manual_seed(0)
@@ -325,92 +438,130 @@ def test_gaussian_policy_learns_with_the_same_ppo():
     best = model.decide(np.zeros((1, 1), np.float32)).item()
     assert best == pytest.approx(0.8, abs=0.05), "the best action is 0.8"
 
-def test_shares_between_mode_and_mean():
+def test_shares_between_mode_and_mean(tiny):
     decision = import_module("decision")
     planner, _ = kept.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")
     world = env.FootstepWorld(2, "mujoco", cores=1)
     world.reset([0, 1], goals=np.array([[1.0, 0.5, 1.0], [-1.0, 0.0, 2.0]]))
-    actions = {share: decision.SharePlanner(planner, share).act(world, [0, 1], world.goal)
-               for share in (0.0, ppo.MEAN_SHARE, 1.0)}
-    np.testing.assert_array_equal(actions[ppo.MEAN_SHARE], planner.act(world, [0, 1], world.goal))
-    between = (1 - ppo.MEAN_SHARE) * actions[0.0] + ppo.MEAN_SHARE * actions[1.0]
+    view = world.view([0, 1], world.goal)
     world.close()
-    np.testing.assert_allclose(actions[ppo.MEAN_SHARE], between, atol=1e-6)
+    mode = planner.act(view, [0, 1], world.goal)
+    actions = {share: decision.SharePlanner(planner, share).act(view, [0, 1], world.goal)
+               for share in (0.0, 0.5, 1.0)}
+    np.testing.assert_allclose(actions[0.0], mode, atol=1e-6, err_msg="sharpness moves no mode")
+    np.testing.assert_allclose(actions[0.5], (mode + actions[1.0]) / 2, atol=1e-6)
+    with torch.no_grad():
+        raw = torch.nn.functional.softplus(planner.model.actor(
+            torch.as_tensor(view.observation[:, : len(env.observation_table())])))
+    alpha, beta = (1 + ppo.PPOConfig().sharpest * raw.numpy()).reshape(2, 2, 6).swapaxes(0, 1)
+    np.testing.assert_allclose(actions[1.0], alpha / (alpha + beta), atol=1e-6, err_msg=(
+        "the mean of the sharpened Beta, as trained last"))
 
-def test_an_elliptic_cone_is_another_world(tiny):
-    robustness, goals = import_module("robustness"), []
-    planner = kept.baseline(import_module("baseline").settings(3.5, 1.0))
-    for kind in (kept.Trials, robustness.EllipticTrials):
-        trials, ends = kind("mujoco"), []
-        sim = trials.make_world().sim
-        sim.run = record(sim.run, ends)
-        trials.run(*planner, False, count=1)
-        trials.close()
-        assert ends, "it took the other world's trials"
-        goals.append(ends[5])
-    assert not np.allclose(*goals, atol=1e-6), "the cone has no effect"
+def test_every_other_world_is_another_one():
+    robustness, robot = import_module("robustness"), common.robot_model.RobotModel()
+    drawn = []
+    for spread, ground in robustness.WORLDS.values():
+        body = spread.draw([np.random.default_rng(i) for i in range(3)], robot)
+        body.friction = body.friction * 0 + ground.get("friction", body.friction)
+        drawn.append(body)
+    for body in drawn[1:]:
+        same = [np.array_equal(*pair) for pair in zip(vars(drawn[0]).values(), vars(body).values())]
+        assert not all(same), "nothing differs"
+    np.testing.assert_allclose(drawn[4].stiffness, drawn[0].stiffness * 2 / 3, err_msg="soft")
 
-def record(run, ends):
-    """A simulator's run that also keeps where the torsos were."""
-    def recorded(*arguments):
-        motion = run(*arguments)
-        ends.append(motion.torso[:, -1])
-        return motion
-    return recorded
+PAPER = {"fall": 0.0, "time": 20.0, "still_there": 0.98, "still_there_quiet": 0.99}
 
-def test_tuning_keeps_the_fastest_safe_setting():
-    baseline = import_module("baseline")
-    rows = [{"success": 1.0, "time_mean": 9.0}, {"success": 0.975, "time_mean": 8.0},
-            {"success": 0.9, "time_mean": 6.0}]
-    assert baseline.choose(rows)[0] == rows[1], "fastest of those that reach 97 %"
-    assert baseline.choose(rows[2:])[0] == rows[2], "no safe one: the one with most success"
-    cautious, tuned = evaluate.BaselineSettings(), baseline.settings(2.0, 0.6)
-    assert (tuned.forward, tuned.turning, tuned.turning_gain) == (0.24, 0.6, 0.6)
-    assert (tuned.gain, tuned.far_m, tuned.time_constant) == (
-        cautious.gain, cautious.far_m, cautious.time_constant)
+def test_tuning_keeps_the_fastest_safe_setting_that_stays():
+    choose = import_module("baseline").choose
+    rows = [PAPER | {"time": 9.0}, PAPER | {"time": 8.0, "fall": 0.005},
+            PAPER | {"time": 7.0, "fall": 0.006}, PAPER | {"time": 6.0, "still_there": 0.95},
+            PAPER | {"time": 5.0, "still_there_quiet": 0.96}, PAPER | {"time": None, "fall": 0.0}]
+    assert choose(rows, PAPER)[0] == rows[1], "fastest of those with at most 0.5 % falls that stay"
+    assert choose(rows[2:4], PAPER)[0] == rows[3], "no safe one: the one with the fewest falls"
 
-def test_the_tuned_baseline_has_all_eight_settings(tiny, monkeypatch):
-    monkeypatch.setattr(import_module("baseline"), "FACTORS", (1.0, 4.0))
-    monkeypatch.setattr(import_module("baseline"), "TURNING_GAINS", (0.6,))
+def test_baseline_and_search_are_tuned_and_shipped(tiny, monkeypatch):
+    search = import_module("search")  # everybody arrives at once:
+    monkeypatch.setattr(env, "Task", partial(env.Task, success_m=9.0, success_rad=4.0))
+    make_small(monkeypatch, "baseline")
+    make_small(monkeypatch, "search")
+    planner, _ = evaluate.load_search(common.RESULTS / "mujoco" / "search.npz", "mujoco")
+    limits = env.walk_engine.LIMITS["mujoco"]
+    table = search.double_steps(limits, 0.5), planner.moves, planner.value
+    monkeypatch.setattr(search, "table", lambda sim, factor: table)
     run("baseline", "--ship", "--mujoco")
-    tuned = json.loads((common.RESULTS / "mujoco" / "baseline_tuned.json").read_text())
-    assert evaluate.BaselineSettings(**tuned["settings"]).turning_gain == 0.6
-    assert tuned["settings"].keys() == vars(evaluate.BaselineSettings()).keys()
-    assert len(common.read_json(common.RUNS / "mujoco" / "baseline.json")["grid"]) == 2
-    assert kept.shipped("mujoco")["baseline_tuned"][1] == tuned["settings"]
+    run("search", "--ship", "--mujoco")
+    tuned = common.read_json(common.RESULTS / "mujoco" / "baseline_tuned.json")["settings"]
+    assert tuned.keys() == vars(evaluate.BaselineSettings()).keys(), "all eight settings"
+    found = common.read_json(common.RUNS / "mujoco" / "baseline.json")
+    assert len(found["tried"]) == 6 and tuned in [row["settings"] for row in found["finalists"]]
+    assert kept.opponents("mujoco")["baseline_tuned"][1] == tuned
+    found = common.read_json(common.RUNS / "mujoco" / "search.json")["finalists"][0]
+    assert kept.opponents("mujoco")["search"][0].change == found["change"]
 
-def test_reference_is_straight_and_in_whole_double_steps(monkeypatch):
+def test_promises_are_compared_with_the_means_over_the_seeds():
+    seeds, names = import_module("seeds"), ("policy", "baseline")
+    rows, std = [], seeds.STD
+    for far, noise in seeds.BLOCKS:
+        for name, seed, success in [(names[0], k, 0.994 + 0.001 * k) for k in range(3)] + [
+                (names[1], None, 1.0)]:
+            rows.append({"planner": name, "seed": seed, "noise": noise, "goal_std_m": std[far],
+                         "success": success, "fall": 0.005, "still_there": 0.96,
+                         "time_mean": 7.0, "over_baseline_tuned": 0.9})
+    ground = [{"planner": "policy", "seed": seed, "noise": True, "goal_std_m": std[far],
+               "friction": mu, "fall": 0.009} for far in std for mu in seeds.FRICTIONS
+              for seed in range(3)]
+    found = {row["what"]: row["kept"] for row in seeds.promises(rows, ground, [1e5, 2e5, None])}
+    assert found["success, near, with noise"], "0.995 on average: exactly what is promised"
+    assert not found["fall, near, with noise"] and found["fall, far, with noise"]
+    assert not found["still there, far, without noise"], "at least 0.97"
+    assert found["still there, far, with noise"], "at most 0.02 less than the baseline"
+    assert found["time [s], far, with noise"]
+    assert not found["time ÷ baseline_tuned, near, without noise"]
+    assert not found["fall at the worst μ, near"] and found["fall at the worst μ, far"]
+    assert not found["double steps until 98 % succeed while exploring"], "one never did"
+
+def test_the_reference_time_is_that_of_search_s_map(monkeypatch):
     times = import_module("times")
+    cells = evaluate.CELL * np.arange(-evaluate.HALF, evaluate.HALF + 1)
+    value = np.tile(np.minimum(np.abs(cells[:, None]) / 0.2, evaluate.FAR) + 0 * cells, (36, 1, 1))
     period = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED["pymunk"]).period
-    monkeypatch.setattr(times.speed, "fastest", lambda sim: (0.25 / period, [0.1, 0.0]))
-    steps = times.reference(np.array([1.049, 1.06, 0.03]), "pymunk") / period
-    np.testing.assert_allclose(steps, (4, 5, 1), err_msg=(
-        "1 m at 0.25 m per double step: 4; 1 cm more: 5; even in the circle one is walked"))
+    # The start seen from a goal that looks along y: what was ahead is beside it.
+    goals = np.array([[1.0, 0, 0], [0, 0.6, np.pi / 2], [0, 0, 0], [4.0, 0, 0]])
+    steps = times.reference(goals, "pymunk", SimpleNamespace(value=value)) / period
+    np.testing.assert_allclose(steps, (5, 3, 1, np.nan), atol=1e-6, err_msg=(
+        "0.2 m a double step: 5, 3; at the goal one is walked; beyond the map nothing is known"))
 
-@SIMS
-def test_fastest_speed_is_measured_and_not_commanded(sim, monkeypatch):
-    speed, walk_engine = import_module("speed"), env.walk_engine
-    monkeypatch.setattr(common.robot_model, "CORES", 1)
-    monkeypatch.setattr(speed, "REPEATS", 1)
-    found, _ = speed.fastest(sim)
-    period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
-    step = 0.6 * walk_engine.LIMITS[sim].high[0]
-    plan = np.tile([step, 0, 0], (1, 8, 2, 1))
-    poses, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plan)
-    assert fall[0] == 8
-    moderate = (poses[0, -1, 0] - poses[0, 4, 0]) / (4 * period)
-    assert 0.9 * moderate < found < 2 * walk_engine.LIMITS[sim].high[0] / period, (
-        "at least that of a moderate walk, less than what the longest footsteps ask for")
+def test_trials_without_far_goals_are_refused(tiny):
+    asked = {0.5: evaluate.draw_trials(0, 2)}
+    ended = {name: np.zeros(2) for name in ("friction", "time", "steps", "still_there",
+                                            "reached_once", "time_once")}
+    results = {("policy", True, 0.5): ended | {"outcome": np.array(["fall", "success"])}}
+    path = common.RESULTS / "pymunk" / "trials.csv"
+    evaluate.write_trials(path, asked, results)
+    with pytest.raises(common.StudyError, match="--noise --far"):
+        import_module("times").read_trials(path)
 
 @SIMS
 def test_the_map_of_falls_knows_what_is_easy_and_what_is_impossible(sim, monkeypatch):
     limits = import_module("limits")
     monkeypatch.setattr(common.robot_model, "CORES", 1)
     monkeypatch.setattr(limits, "REPEATS", 2)
+    monkeypatch.setattr(limits, "PLANS", 4)
     easy, wild = np.zeros((1, 2, 3)), np.tile([0.5, 0.0, 0.0], (1, 2, 1))
     shares = limits.fall_map(sim, np.concatenate([easy, easy, wild]),
                              np.concatenate([easy, wild, wild]))
     assert shares.tolist() == [0, 1, 1], "on the spot; suddenly 0.5 m; always 0.5 m"
+    assert limits.standing(sim, 0.01) == 1.0, "a load of almost nothing is a step on the spot"
+
+def test_what_is_allowed_in_a_map_is_what_an_action_can_ask_for():
+    limits, title = import_module("limits"), "forward and turning"
+    bounds = env.walk_engine.StepLimits(low=(-0.1, -0.1, -0.3), high=(0.2, 0.1, 0.6), load=1.5)
+    steps = limits.cells(title, [0.0, 0.1, 0.2, 0.25], [0.0, 0.15, 0.3, 0.45])  # yaw, x
+    assert limits.allowed(steps, bounds).tolist() == [
+        [True, True, True, False],  # yaw 0
+        [True, True, True, False],  # 0.15: half of what the inward foot can turn; 1 + 0.5
+        [True, True, False, False],  # 0.3: all of it; with half of x 1.5, with all of it 2
+        [False, False, False, False]]  # outward for one foot, but inward for the other
 
 def test_a_decision_takes_time(monkeypatch):
     decision_time, world = import_module("decision_time"), env.FootstepWorld(2, "mujoco", cores=1)
@@ -419,50 +570,31 @@ def test_a_decision_takes_time(monkeypatch):
     assert 1 < micros < 1e6, "[µs]"
 
 
-# ------------------------------------------------------------------------ the honest floor
-def test_the_lowest_corner_of_a_sole_is_mujoco_s():
-    import mujoco
+# ------------------------------------------------------------------------ ground and kicks
+def test_the_ground_s_options_reach_every_robot_and_are_gone_afterwards():
+    ground, robot_model = import_module("ground"), common.robot_model
+    make, body = robot_model.make_sim, None
+    engine = env.walk_engine.WalkEngine(2, ground.TUNED)
+    with ground.ground(0, 3.0) as spent:
+        sim = robot_model.make_sim("mujoco", 2, engine.stance)
+        body = robot_model.Spread().draw(np.random.default_rng(0).spawn(2), engine.robot)
+        sim.reset(np.arange(2), body)
+        sim.run(engine.plan(np.zeros((2, 2, 3)), [0, 1])[0], np.arange(2))
+    sim.close()
+    assert [(model.opt.cone, model.opt.impratio) for model in sim.models] == [(0, 3.0)] * 2
+    assert spent[0] == 2 and spent[1] > 0, "double steps and seconds"
+    assert robot_model.make_sim is make
 
-    floor, robot_model = import_module("floor"), common.robot_model
-    robot, rng = robot_model.RobotModel(), np.random.default_rng(0)
-    model = robot_model.mujoco_model(robot)
-    data = mujoco.MjData(model)
-    joints = np.tile(robot_model.stance(robot)[1], (20, 1)) + rng.normal(size=(20, 12)) * 0.2
-    torso = np.c_[rng.normal(size=(20, 3)), rng.uniform(-0.4, 0.4, (20, 3))]
-    got, want = floor.corners(robot, torso, joints)[1], []
-    for pose, angles in zip(torso, joints):
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, robot_model.rotation(*pose[3:]).ravel())
-        data.qpos[:] = np.concatenate([pose[:3], quaternion, angles])
-        mujoco.mj_forward(model, data)
-        for name in ("left sole", "right sole"):
-            geom = data.geom(name)
-            size = np.abs(geom.xmat.reshape(3, 3)[2]) @ model.geom(name).size  # half its height
-            want.append(geom.xpos[2] - size)
-    np.testing.assert_allclose(got.ravel(), want, atol=1e-9, err_msg=(
-        "is the outward side of the right foot −y, and is the ankle above the sole?"))
-
-def test_combined_steps_are_made_smaller_and_single_ones_are_not():
-    floor = import_module("floor")
-    limits = floor.walk_engine.LIMITS["mujoco"]
-    corner, single = np.array([limits.high, limits.low]), np.diag(limits.high)[:2]
-    np.testing.assert_array_equal(floor.limited(single, 1.5), single, err_msg="one share is 1")
-    np.testing.assert_allclose(floor.limited(corner, 1.5), corner / 2, err_msg="3 shares to 1.5")
-    np.testing.assert_array_equal(floor.limited(corner, 3.0), corner, err_msg="anything goes")
-
-def test_on_the_honest_floor_a_walk_does_not_care_where_north_is():
+def test_on_our_ground_a_walk_does_not_care_where_north_is():
     """On MuJoCo's pyramid the same walk ends elsewhere when it starts at another heading."""
-    floor, compose = import_module("floor"), common.robot_model.compose
-    headings, ends = np.radians([0, 45, 90]), {}
-    engine = floor.RollingEngine(3, floor.RETUNED)
-    engine.roll = 0.0541
+    ground, robot_model = import_module("ground"), common.robot_model
+    headings, ends = np.radians([0, 45, 90]), []
+    engine = env.walk_engine.WalkEngine(3, ground.TUNED)
     plans = [engine.plan(np.tile([[0.06, 0.02, 0.1], [0.06, 0, -0.1]], (3, 1, 1)), range(3))[0]
              for _ in range(6)]
-    for name in ("pyramid", "honest"):
-        sim = floor.HonestSim(engine.stance, np.full(3, 0.5), np.random.default_rng(0))
-        sim.models, sim.delay = [sim.models[0]] * 3, sim.delay[:1].repeat(3)  # three equal bodies
-        if name == "pyramid":
-            sim.models[0].opt.cone = 0
+    for cone in ground.CONES.values():
+        with ground.ground(cone, 1.0):
+            sim = robot_model.make_sim("mujoco", 3, engine.stance)
         half = headings / 2
         sim.state[:, sim.TURN] = [  # turn · lean of the start
             [np.cos(h) * w, -np.sin(h) * y, np.cos(h) * y, np.sin(h) * w]
@@ -471,6 +603,73 @@ def test_on_the_honest_floor_a_walk_does_not_care_where_north_is():
             pose = sim.run(plan, np.arange(3)).torso[:, -1, [0, 1, 5]]
         sim.close()
         back = np.stack([0 * headings, 0 * headings, -headings], -1)  # seen from the start
-        ends[name] = np.ptp(compose(back, pose)[:, :2], axis=0).max()  # [m]
-    assert ends["honest"] < 0.01, f"{ends['honest']:.3f} m apart: is friction isotropic?"
-    assert ends["pyramid"] > 0.01, "the test sees no difference between the two cones"
+        ends.append(np.ptp(robot_model.compose(back, pose)[:, :2], axis=0).max())  # [m]
+    pyramid, ours = ends
+    assert ours < 0.01, f"{ours:.3f} m apart: is friction isotropic?"
+    assert pyramid > 0.01, "the test sees no difference between the two cones"
+
+def flying(kicks, low, high, seed=0):
+    """A world of three robots high above the ground."""
+    world = kicks.kicked(env.FootstepWorld(3, "mujoco", cores=1), low, high)
+    world.reset(np.arange(3), [np.random.default_rng([seed, i]) for i in range(3)])
+    world.sim.state[:, world.sim.PLACE] += 0, 0, 50.0
+    return world
+
+def test_a_kick_has_the_impulse_that_it_promises(monkeypatch):
+    """In the air nothing else pushes sideways: the whole robot's momentum is m·Δv."""
+    import mujoco
+
+    kicks = import_module("kicks")
+    monkeypatch.setattr(kicks, "BETWEEN", 0.01)  # [s] a kick in every double step
+    world = flying(kicks, 0.3, 0.3)
+    world.step(np.tile(world.neutral_action, (3, 1)), np.arange(3))
+    world.close()
+    momentum = []
+    for model, state in zip(world.sim.models, world.sim.state):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = np.split(state[1:], [model.nq])
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momentum.append(data.subtree_linvel[1, :2] * model.body_subtreemass[1])
+    np.testing.assert_allclose(np.hypot(*np.transpose(momentum)),
+                               0.3 * world.engine.robot.torso.mass, rtol=0.02)
+    angles = np.arctan2(*np.transpose(momentum))
+    assert np.ptp(angles) > 0.1, "in different directions"
+
+def test_kicks_are_as_frequent_as_promised_and_depend_on_the_trial_only():
+    kicks, steps = import_module("kicks"), 124
+    sims = [flying(kicks, 0.0, 0.4).sim for _ in range(2)]
+    forces = np.array([sims[0].forces(np.arange(3), steps) for _ in range(600)])  # [600, 3, S, 2]
+    alone = np.array([sims[1].forces(np.array([1]), steps) for _ in range(600)])
+    np.testing.assert_array_equal(forces[:, 1], alone[:, 0], err_msg="whoever else walks")
+    for sim in sims:
+        sim.close()
+    pushed = np.abs(forces).max(-1) > 0  # [600, 3, S]
+    share = pushed.any(-1).mean()
+    assert share == pytest.approx(sims[0].period / kicks.BETWEEN, abs=0.03), "one in 3 s"
+    assert set(pushed.sum(-1).ravel()) == {0, 10}, "50 ms are 10 steps of physics, all within"
+    size = np.hypot(*np.moveaxis(forces, -1, 0)).max(-1)[pushed.any(-1)]
+    largest = 0.4 * sims[0].robot.torso.mass / kicks.LASTS
+    assert 0.9 * largest < size.max() <= largest and size.min() < 0.1 * largest
+    moments = pushed.argmax(-1)[pushed.any(-1)]
+    assert moments.min() < 12 and moments.max() > steps - 10 - 12, "at any moment"
+
+def test_without_a_kick_it_is_the_same_simulator():
+    kicks, ends = import_module("kicks"), []
+    for change in (lambda world: world, lambda world: kicks.kicked(world, 0.0, 0.0)):
+        world = change(env.FootstepWorld(2, "mujoco", cores=1))
+        world.reset([0, 1], [np.random.default_rng(i) for i in range(2)])
+        for _ in range(3):
+            world.step(np.tile(world.neutral_action, (2, 1)), np.arange(2))
+        world.close()
+        ends.append(world.pose.copy())
+    np.testing.assert_array_equal(*ends)
+
+def test_kicked_policies_are_trained_and_judged(tiny, monkeypatch):
+    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
+    make_small(monkeypatch, "kicks")
+    run("kicks", "--mujoco")
+    rows = common.read_json(common.RUNS / "mujoco" / "kicks.json")["rows"]
+    falls = {(row["planner"], row["speed"]): row["fall"] for row in rows}
+    for name in ("policy", "policy_imu"):
+        assert falls[name, 0.0] < falls[name, 3.0], "whoever is kicked with 3 m/s falls"

@@ -88,7 +88,7 @@ def study(sim):
             for settings, *_ in tqdm(tried[:FINALISTS], unit=" finalists")]
     trials.close()
     best, rule = choose(rows, paper)
-    fits = kept.evaluate.plain_fits(sim)
+    fits = kept.env.fingerprint(sim)
     chosen = {"sim": sim, "settings": best["settings"], "rule": rule, "fits": fits}
     file = common.work(sim) / "baseline_tuned.json"
     common.write(file, common.as_json(chosen))

@@ -11,7 +11,8 @@ import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "a minute after imu.py, else 20", "mujoco": "a minute after imu.py, else 35"}
+DURATION = {"pymunk": "about 2 minutes on two cores after seeds.py and imu.py, else 20",
+            "mujoco": "about 3 minutes on two cores after seeds.py and imu.py, else 35"}
 SETS = 10  # of 500 goals, near and far
 HEAD = ("planner", "walks", "falls", "walking backward",
         "mean change of step length before it [cm]", "μ of the ground, median (all walks)",

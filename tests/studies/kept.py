@@ -82,12 +82,12 @@ def opponents(sim):
     """The paper's baseline and what is shipped beside it, by name, each with what it depends on."""
     folder, found = common.RESULTS / sim, {"baseline": baseline(evaluate.BaselineSettings())}
     try:
-        settings = evaluate.read_settings(folder / "baseline_tuned.json", sim)
+        tuned = evaluate.load_baseline(folder / "baseline_tuned.json", sim)[0]
         search = evaluate.load_search(folder / "search.npz", sim)[0]
     except evaluate.InputError as error:
         raise common.StudyError(str(error)) from error
     file = (folder / "search.npz").read_bytes()
-    return found | {"baseline_tuned": baseline(settings), "search": (search, file)}
+    return found | {"baseline_tuned": baseline(tuned.settings), "search": (search, file)}
 
 def shipped(sim):
     """The shipped policies and their opponents."""
@@ -153,12 +153,11 @@ class Trials:
 
         def watch(robots, result):
             bar.update(sum(int(result[name].sum()) for name in evaluate.OUTCOMES))
-            low, high = world.limits.low[0], world.limits.high[0]
             fell, motion = result["fall"], result["motion"]
-            share = world.actions[robots[fell]][:, :, [0, 3]].mean(-1)  # [F, 2] x of both feet
             down = robot_model.fallen(motion.torso[fell], world.engine.stance[0][2])
+            steps = env.to_footsteps(world.actions[robots[fell]], world.limits)  # [F, 2, 2, 3]
             falls.append(np.column_stack([
-                before[robots[fell]], low + share * (high - low), pitch[robots[fell]],
+                before[robots[fell]], steps[..., 0].mean(-1), pitch[robots[fell]],
                 np.argmax(down, 1) / down.shape[1], world.friction[robots[fell]]]))
             tilted[robots] += np.abs(pitch[robots]) > TILTED
             before[robots], pitch[robots] = world.relative_goal(robots), motion.torso[:, -1, 4]

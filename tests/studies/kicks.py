@@ -13,7 +13,7 @@ import kept
 import numpy as np
 from kept import env, ppo, robot_model
 
-DURATION = {"pymunk": "it needs --mujoco", "mujoco": "about 85 minutes on two cores"}
+DURATION = {"pymunk": "it needs --mujoco", "mujoco": "about 80 minutes on two cores"}
 STEPS = 1_000_000  # double steps of a training
 SEEDS = (0,)  # of the trainings with and without IMU; each more: 75 minutes
 SETS = 4  # of 500 far goals

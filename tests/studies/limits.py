@@ -5,7 +5,7 @@
 Robots with drawn bodies on drawn ground. Every cell is eight walks of three and then five equal
 double steps, each step varied by ±5 %. The third map asks what fells the robot: a long step, or a
 sudden change of its length? The fourth panel walks random plans within the limits of x, y and yaw
-while the sum of their shares may be 1, …, 3 (anything): our limit on that sum is where most stand.
+while the sum of their shares may be 1, …, 3 (anything); the blue line is the limit that we chose.
 """
 
 from dataclasses import replace

@@ -9,6 +9,9 @@ falls that stays (search.npz); if none does, the one that falls least, and the t
 figure shows all of them beside all the carrots that the study `baseline` has tried.
 """
 
+import json
+import os
+
 import baseline
 import common
 import kept
@@ -21,16 +24,51 @@ FACTORS = (0.4, 0.5, 0.6, 0.75, 1.0)  # [-] on the limits of a step
 CHANGES = (0.1, 0.2, 0.35, 1.0)  # [share of limits] from one double step to the next; 1: any
 WALKS, FINALISTS = 300, 5
 
+def double_steps(limits, factor=1.0):
+    """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
+
+    8 lengths × 5 sideways × 7 turns, both feet alike, within the limits times a factor.
+    """
+    low, high = factor * np.array(limits.low), factor * np.array(limits.high)
+    x, y = np.linspace(low[0], high[0], 8), np.linspace(-high[1], high[1], 5)
+    turn = np.linspace(low[2], -low[2], 7)  # inward for one of the feet, which is the less
+    x, y, turn = np.stack(np.meshgrid(x, y, turn, indexing="ij"), -1).reshape(-1, 3).T
+    steps = np.zeros((len(x) + 1, 2, 3))
+    steps[1:, :, 0] = x[:, None]
+    steps[1:, 0, 1], steps[1:, 1, 1] = np.maximum(y, 0), np.maximum(-y, 0)  # the leading foot
+    steps[1:, :, 2] = turn[:, None] * evaluate.walk_engine.MIRROR[:, 2]
+    return evaluate.walk_engine.within(steps, limits)
+
+def displacements(sim, steps):
+    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
+
+    Measured once, with the model's own body and friction: the mean of the third to sixth of six in
+    a row. Also returns which of them stood, bool [A].
+    """
+    plans = np.repeat(steps[:, None], 6, 1)
+    poses, _, fall = evaluate.walk_engine.walk(sim, evaluate.walk_engine.TUNED[sim], plans)
+    moved = common.robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [A, 4, 3]
+    return moved.mean(1), fall == 6
+
+def save(path, sim, factor, change, table):
+    """(steps, moves, value) as a small file: the differences of V, in twentieths of a step."""
+    steps, moves, value = table
+    about = {"fits": env.fingerprint(sim), "factor": factor, "change": change}
+    parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
+    temporary = path.with_suffix(".tmp.npz")
+    np.savez_compressed(temporary, about=json.dumps(about), steps=steps, moves=moves, parts=parts)
+    os.replace(temporary, path)
+
 def table(sim, factor):
     """(steps, moves, value) for step sizes up to that factor; kept."""
     limits = evaluate.walk_engine.LIMITS[sim]
     key = common.digest(env.fingerprint(sim), factor, evaluate.CELL, evaluate.TURN, evaluate.HALF)
     path = common.work(sim, "search") / f"{key}.npz"
     if not path.is_file():
-        steps = evaluate.double_steps(limits, factor)
-        moves, stood = evaluate.displacements(sim, steps)
+        steps = double_steps(limits, factor)
+        moves, stood = displacements(sim, steps)
         value = evaluate.steps_to_go(moves[stood], env.Task())
-        evaluate.save_search(path, sim, factor, 1.0, (steps[stood], moves[stood], value))
+        save(path, sim, factor, 1.0, (steps[stood], moves[stood], value))
     with np.load(path) as stored:
         planner = evaluate.load_search(path, sim)[0]
         return stored["steps"], stored["moves"], planner.value
@@ -54,7 +92,7 @@ def study(sim):
     trials.close()
     best, rule = baseline.choose(rows, paper)
     file = common.work(sim) / "search.npz"
-    evaluate.save_search(file, sim, best["factor"], best["change"], table(sim, best["factor"]))
+    save(file, sim, best["factor"], best["change"], table(sim, best["factor"]))
     lines = [[row["factor"], row["change"], f"{row['fall']:.4f}", f"{row['timeout']:.4f}",
               common.number(row["time"], 2), common.number(row["still_there"], 3),
               common.number(row["still_there_quiet"], 3), "chosen" * (row is best)]

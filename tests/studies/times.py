@@ -40,12 +40,16 @@ def read_trials(path):
             {key: np.array(values) for key, values in times.items()})
 
 def reference(goals, sim, search):
-    """The double steps of `search` to goals [n, 3], in seconds [n]; nan beyond its map."""
+    """The double steps of `search` to goals [n, 3], at least one, in seconds [n].
+
+    nan beyond its map.
+    """
     period = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED[sim]).period  # [s]
     pose = common.robot_model.relative(goals, np.zeros(3))  # the start seen from the goal
     steps = evaluate.look_up(search.value, pose)  # [n]
     beyond = np.abs(pose[:, :2]).max(1) >= evaluate.CELL * evaluate.HALF
-    return np.where(beyond | (steps > evaluate.FAR - 1), np.nan, steps * period)
+    return np.where(beyond | (steps > evaluate.FAR - 1), np.nan,
+                    np.maximum(1, steps) * period)
 
 def study(sim):
     """How many times another planner's time the policy needs, goal by goal."""
@@ -55,7 +59,7 @@ def study(sim):
     content, lines = [], []
     for (name, noise, std), own in times.items():
         ratio = times["policy", noise, std] / own
-        ratio, over = ratio[np.isfinite(ratio)], own / np.maximum(fastest[std], 0.1)
+        ratio, over = ratio[np.isfinite(ratio)], own / fastest[std]
         row = {"goal_std_m": std, "noise": noise, "planner": name}
         row["over_reference"] = np.median(over[np.isfinite(over)])
         if name != "policy":
