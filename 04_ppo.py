@@ -329,7 +329,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
                 obs = run.begin_again(update, envs, model, optimizer)
             learning_rate = cfg.learning_rate * (1.0 - update / updates)
             optimizer.param_groups[0]["lr"] = learning_rate
-            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * (update + 1) / updates
+            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * update / updates
             data, obs, infos = collect(model, envs, obs, cfg.rollout, bar)
             watched = improve(model, optimizer, data, cfg)
             settled = update % cfg.checkpoint_every >= cfg.unsettled

@@ -469,15 +469,21 @@ def test_every_other_world_is_another_one():
         assert not all(same), "nothing differs"
     np.testing.assert_allclose(drawn[4].stiffness, drawn[0].stiffness * 2 / 3, err_msg="soft")
 
-PAPER = {"fall": 0.0, "time": 20.0, "still_there": 0.98, "still_there_quiet": 0.99}
+PAPER = {"fall": 0.0, "time": 20.0, "still_there": 0.98, "planner": 0.99}
 
-def test_tuning_keeps_the_fastest_safe_setting_that_stays():
-    choose = import_module("baseline").choose
+def test_tuning_keeps_the_fastest_safe_setting_that_stays(monkeypatch):
+    """Here a planner is the share of its successes that stay without noise."""
+    baseline = import_module("baseline")
+    monkeypatch.setattr(baseline, "both", lambda trials, planner, *_: planner)
+    monkeypatch.setattr(baseline, "facts", lambda planner: {"still_there": planner})
     rows = [PAPER | {"time": 9.0}, PAPER | {"time": 8.0, "fall": 0.005},
             PAPER | {"time": 7.0, "fall": 0.006}, PAPER | {"time": 6.0, "still_there": 0.95},
-            PAPER | {"time": 5.0, "still_there_quiet": 0.96}, PAPER | {"time": None, "fall": 0.0}]
-    assert choose(rows, PAPER)[0] == rows[1], "fastest of those with at most 0.5 % falls that stay"
-    assert choose(rows[2:4], PAPER)[0] == rows[3], "no safe one: the one with the fewest falls"
+            PAPER | {"time": 5.0, "planner": 0.96},
+            PAPER | {"time": None, "still_there": None, "fall": 0.0}]
+    best = baseline.choose(None, rows, PAPER)[0]
+    assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
+    unsafe = baseline.choose(None, rows[2:4], PAPER)[0]
+    assert unsafe is rows[3], "no safe one: the one with the fewest falls"
 
 def test_baseline_and_search_are_tuned_and_shipped(tiny, monkeypatch):
     search = import_module("search")  # everybody arrives at once:

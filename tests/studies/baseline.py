@@ -17,10 +17,11 @@ import numpy as np
 from tqdm import tqdm
 
 DURATION = {"pymunk": "about 20 minutes on two cores", "mujoco": "about 30 minutes on two cores"}
-ITERATIONS, POPULATION, ELITE, FINALISTS = 10, 24, 6, 10
+ITERATIONS, POPULATION, ELITE, FINALISTS = 9, 20, 5, 10
 WALKS = 64  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICE = 200.0  # [s] of one fall per walk; of a time-out a quarter: our choice
+LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond what we accept; our choice
 MAX_FALLS, FLOOR, LESS = 0.005, 0.97, 0.02  # stays: without noise; with it less than the baseline
 Settings = kept.evaluate.BaselineSettings
 NAMES = [entry.name for entry in fields(Settings)]
@@ -40,12 +41,14 @@ def facts(ended):
     mean = lambda name: float(ended[name][reached].mean()) if reached.any() else None  # noqa: E731
     return shares | {"time": mean("time"), "still_there": mean("still_there")}
 
-def cost(row):
-    """What the search makes small [s]."""
-    time = 100.0 if row["time"] is None else row["time"]
-    return time + PRICE * (row["fall"] + row["timeout"] / 4)
+def cost(row, paper):
+    """What the search makes small [s]: time, falls, and staying worse than we accept."""
+    if row["time"] is None:
+        return 100.0
+    leaves = max(0.0, paper["still_there"] - LESS - row["still_there"])
+    return row["time"] + PRICE * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
 
-def optimise(trials):
+def optimise(trials, paper):
     """Every candidate that was tried: (settings, facts, cost)."""
     rng, tried = np.random.default_rng(0), []
     mean, spread = np.log([getattr(START, name) for name in NAMES]), np.full(len(NAMES), 0.4)
@@ -55,7 +58,7 @@ def optimise(trials):
         for x in tqdm(drawn, leave=False, unit=" candidates"):
             settings = Settings(*(round(float(v), 4) for v in np.exp(x)))
             row = facts(both(trials, kept.baseline(settings), True, 1 + iteration, 1, WALKS))
-            rows.append((settings, row, cost(row)))
+            rows.append((settings, row, cost(row, paper)))
         best = np.argsort([row[2] for row in rows])[:ELITE]
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.3 * spread + 0.7 * drawn[best].std(0)
@@ -65,35 +68,41 @@ def optimise(trials):
     return tried
 
 def final(trials, planner):
-    """The facts of a finalist on 2,000 noisy trials, and how many stay without noise."""
-    row = facts(both(trials, planner, True, 101, SETS))
-    quiet = facts(both(trials, planner, False, 101, 1))
-    return row | {"still_there_quiet": quiet["still_there"], "fall_quiet": quiet["fall"]}
+    """The facts of a planner on 2,000 noisy trials."""
+    return facts(both(trials, planner, True, 101, SETS))
 
-def choose(rows, paper):
-    """The best row (a dict of facts), and by which rule; paper: that of the paper's baseline."""
-    safe = [row for row in rows if row["fall"] <= MAX_FALLS and row["time"] is not None
-            and row["still_there"] >= paper["still_there"] - LESS
-            and row["still_there_quiet"] >= FLOOR]
-    if safe:
-        return min(safe, key=lambda row: row["time"]), "the fastest of the safe ones that stay"
+def choose(trials, rows, paper):
+    """The best row, and by which rule.
+
+    rows: facts, with their "planner"; paper: facts of the paper's baseline. Whether one stays
+    without noise is measured only where it matters.
+    """
+    for row in sorted(rows, key=lambda row: row["time"] or np.inf):
+        if row["fall"] <= MAX_FALLS and (row["still_there"] or 0) >= paper["still_there"] - LESS:
+            row["quiet"] = facts(both(trials, row["planner"], False, 101, 1))["still_there"]
+            if row["quiet"] >= FLOOR:
+                return row, "the fastest of the safe ones that stay"
     return min(rows, key=lambda row: row["fall"]), "none is safe and stays: the fewest falls"
 
 def study(sim):
     """The whole search."""
     trials = kept.Trials(sim)
-    tried = sorted(optimise(trials), key=lambda row: row[2])
     paper = final(trials, kept.baseline(Settings()))
-    rows = [{"settings": asdict(settings), **final(trials, kept.baseline(settings))}
-            for settings, *_ in tqdm(tried[:FINALISTS], unit=" finalists")]
+    tried = sorted(optimise(trials, paper), key=lambda row: row[2])
+    rows = []
+    for settings, *_ in tqdm(tried[:FINALISTS], unit=" finalists"):
+        planner = kept.baseline(settings)
+        rows.append({"settings": asdict(settings), "planner": planner, **final(trials, planner)})
+    best, rule = choose(trials, rows, paper)
     trials.close()
-    best, rule = choose(rows, paper)
     fits = kept.env.fingerprint(sim)
     chosen = {"sim": sim, "settings": best["settings"], "rule": rule, "fits": fits}
     file = common.work(sim) / "baseline_tuned.json"
     common.write(file, common.as_json(chosen))
-    content = {"trials": 2 * SETS * kept.PER_SEED, "rule": rule, "paper": paper, "finalists": rows,
-               "tried": [{"settings": list(asdict(s).values()), **row} for s, row, _ in tried]}
+    plain = [{key: row[key] for key in row if key != "planner"} for row in rows]
+    content = {"trials": 2 * SETS * kept.PER_SEED, "rule": rule, "paper": paper,
+               "finalists": plain, "tried": [{"settings": list(asdict(settings).values()), **row}
+                                             for settings, row, _ in tried]}
     lines = [line("paper", asdict(Settings()), paper)]
     lines += [line("chosen" * (row is best), row["settings"], row) for row in rows]
     head = ["", *NAMES, "fall", "timeout", "time [s]", "still there", "without noise"]
@@ -105,7 +114,7 @@ def line(label, settings, row):
     values = [f"{value:.2f}" for value in settings.values()]
     return [label, *values, f"{row['fall']:.4f}", f"{row['timeout']:.4f}",
             common.number(row["time"], 2), common.number(row["still_there"], 3),
-            common.number(row["still_there_quiet"], 3)]
+            f"{row['quiet']:.3f}" if "quiet" in row else ""]
 
 if __name__ == "__main__":
     common.main(__file__)

@@ -1,0 +1,109 @@
+"""Writes what results/ says in words: results/<sim>/README.md and results/STUDIES.md.
+
+    python tests/studies/book.py
+
+From the JSON, Markdown and figures that stage 5 and the studies have shipped; so no number is
+copied by hand. It also puts the table of README in its place (between its two comments).
+"""
+
+import ast
+import json
+import re
+
+import common
+
+SIMS = {"mujoco": "3-D (MuJoCo)", "pymunk": "sagittal plane and yaw (pymunk)"}
+FLAG = {"mujoco": " --mujoco", "pymunk": ""}
+ORDER = ("baseline", "search", "seeds", "imu", "kicks", "decision", "falls", "times", "robustness",
+         "noise", "limits", "ground", "ablations", "budget", "benchmark", "decision_time")
+SHOWN = ("policy", "policy_imu", "baseline_tuned", "search", "baseline")
+
+def doc(name):
+    """The docstring of a study: its question, and what follows."""
+    source = (common.ROOT / "tests" / "studies" / f"{name}.py").read_text(encoding="utf-8")
+    question, _, rest = ast.get_docstring(ast.parse(source)).partition("\n")
+    return question, rest
+
+def explained(rest):
+    """The docstring below its first line and its command."""
+    text = re.sub(r"^ {4}python .*\n", "", rest, flags=re.MULTILINE)
+    return text.strip()
+
+def evaluation(sim):
+    """evaluation.json of what is shipped."""
+    return common.read_json(common.RESULTS / sim / "evaluation.json")
+
+def simulator_page(sim):
+    """results/<sim>/README.md: the whole table, and where the policy comes from."""
+    folder, facts = common.RESULTS / sim, evaluation(sim)
+    seed = f" --seed {facts['seed']}" if facts["seed"] else ""
+    flags = " --noise" + " --far" * any(row["goal_std_m"] == 1.0 for row in facts["rows"])
+    lines = [f"# What was measured: {SIMS[sim]}", "",
+             f"`python 05_evaluate.py{FLAG[sim]}{flags}{seed}`:", "",
+             (folder / "table.md").read_text(encoding="utf-8"), "## The planners", ""]
+    for name, about in facts["planners"].items():
+        said = ", ".join(f"{key} {value:.1f}" if isinstance(value, float) else f"{key} {value}"
+                         for key, value in about.items())
+        lines.append(f"- `{name}`: {said}")
+    pictures = {"footsteps.png": "Footsteps", "learning_curve.png": "Learning curve",
+                "animation.gif": "A race"}
+    for file, title in pictures.items():
+        if (folder / file).is_file():
+            lines += ["", f"![{title}]({file})"]
+    return "\n".join(lines) + "\n"
+
+def studies_page():
+    """results/STUDIES.md: every study that has been shipped."""
+    lines = ["# What we measured, and how to measure it again", "",
+             "Every table below is written by the command above it. A study writes to",
+             "`runs/studies/`, and replaces what is shipped here only with `--ship`."]
+    for name in ORDER:
+        parts = []
+        for sim, words in SIMS.items():
+            file = common.RESULTS / sim / "studies" / f"{name}.md"
+            if file.is_file():
+                parts += ["", f"`python tests/studies/{name}.py{FLAG[sim]}`, {words}:", "",
+                          file.read_text(encoding="utf-8").strip()]
+                if file.with_suffix(".png").is_file():
+                    parts += ["", f"![{name}, {words}]({sim}/studies/{name}.png)"]
+        if parts:
+            question, rest = doc(name)
+            lines += ["", f"## {question}", "", explained(rest), *parts]
+    return "\n".join(lines) + "\n"
+
+def readme_table():
+    """The table of README: 3-D, with noise, both blocks."""
+    rows = [row for row in evaluation("mujoco")["rows"] if row["noise"]]
+    rows.sort(key=lambda row: (row["goal_std_m"], SHOWN.index(row["planner"])))
+    cells = [[f"σ {row['goal_std_m']} m", f"`{row['planner']}`",
+              common.with_interval(row, "success"), common.number(row["fall"], 3),
+              common.number(row["time_mean"], 1), common.number(row["still_there"], 2)]
+             for row in rows]
+    head = ["goals", "planner", "arrived and stayed [95 % interval]", "fell", "time [s]",
+            "still there"]
+    return common.markdown(head, cells)
+
+def with_table(readme):
+    """README with the table of today."""
+    begin, end = "<!-- table -->\n", "<!-- end -->"
+    head, rest = readme.split(begin)
+    return head + begin + readme_table() + end + rest.split(end, 1)[1]
+
+def pages():
+    """Every page as it should be, by its path."""
+    found = {common.RESULTS / sim / "README.md": simulator_page(sim) for sim in SIMS}
+    readme = common.ROOT / "README.md"
+    found[readme] = with_table(readme.read_text(encoding="utf-8"))
+    return found | {common.RESULTS / "STUDIES.md": studies_page()}
+
+def main():
+    """Writes them."""
+    for path, text in pages().items():
+        common.write(path, text)
+        print("written:", path)
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (common.StudyError, json.JSONDecodeError) as error:
+        raise SystemExit(f"book: {error}") from error
