@@ -255,13 +255,12 @@ def body_inverse(robot, trunk, feet, planar=False):
     return joints.reshape(*joints.shape[:-2], 12)
 
 def body_points(robot, torso, joints):  # [..., 6], [..., 12]
-    """Legs in the world, [..., 2, 5, 3] (hip, knee, ankle, heel, toe), and foot yaws [..., 2]."""
-    base = rotation(torso[..., 3], torso[..., 4], torso[..., 5])[..., None, :, :]  # [..., 1, 3, 3]
+    """Legs in the world, [..., 2, 5, 3] (hip … toe), and the feet's rotations [..., 2, 3, 3]."""
+    base = rotation(*np.moveaxis(torso[..., 3:], -1, 0))[..., None, :, :]  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
     points = points + robot.hips[:, None]
     world = (base[..., None, :, :] @ points[..., None])[..., 0] + torso[..., None, None, :3]
-    ahead = (base @ foot_turn)[..., 0]  # [..., 2, 3] where the toes point
-    return world, np.arctan2(ahead[..., 1], ahead[..., 0])
+    return world, base @ foot_turn
 
 def stance(robot, height=0.395, foot_distance=0.18, pitch=0.1, planar=False, x_offset=0.0):
     """Standing at the origin: the torso's pose [6] and the joints [12].
@@ -345,7 +344,6 @@ def euler(quaternion):
 
 class MujocoSim:
     """N robots in 3-D. One call of `mujoco.rollout` runs all of them on all cores."""
-
     # Columns of MuJoCo's state [38]: time; place, quaternion, joint angles; then the velocities of
     # place (20 to 22), turning about the torso's axes, joints.
     TIME, PLACE, TURN, ANGLES, SPIN = 0, slice(1, 4), slice(4, 8), slice(8, 20), slice(23, 26)
@@ -415,7 +413,6 @@ class MujocoSim:
         return Motion(torso, seen[..., self.ANGLES], seen[:, -1, self.SPIN], fell)
 
     def close(self):
-        """End the threads."""
         self.pool.close()
 
 # ------------------------------------------------------------------------ pymunk, planar
@@ -440,8 +437,8 @@ class PymunkSim:
         |e| ≤ bound / k
 
     F, F_x: measured force of the ground, up and ahead: together they share the friction; r: mean
-    radius of a sole. Beyond bound / k the sole slips: that
-    part of the command is lost. Sideways follows the command and cannot fall.
+    radius of a sole. Beyond bound / k the sole slips: that part of the command is lost. Sideways
+    follows the command and cannot fall.
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
     ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
@@ -459,6 +456,7 @@ class PymunkSim:
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
+        self.buffer = pymunk.batch.Buffer()
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
         self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
@@ -524,8 +522,8 @@ class PymunkSim:
 
     def _read(self, robots):
         """States [n, 7, 6] of the bodies of these robots; all spaces in one buffer, for speed."""
-        batch, buffer = pymunk.batch, pymunk.batch.Buffer()
-        fields = batch.BodyFields
+        batch, buffer, fields = pymunk.batch, self.buffer, pymunk.batch.BodyFields
+        buffer.clear()  # one for ever: pymunk 7.3 never frees a Buffer
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         for i in robots:
             batch.get_space_bodies(self.spaces[i], wanted, buffer)
@@ -630,7 +628,6 @@ def serve(pipe, *settings):
 
 class Workers:
     """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
-
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pipes, self.processes = [], []
@@ -687,7 +684,6 @@ def whole(text, least=0):
 
 class StageParser(argparse.ArgumentParser):
     """The flags of every stage; a wrong value gets one clear line and exit code 2."""
-
     def __init__(self, doc, prog=None):
         raw = argparse.RawDescriptionHelpFormatter
         super().__init__(prog=prog, description=doc, formatter_class=raw)
@@ -730,7 +726,6 @@ def draw_robot(axis, robot, torso, joints, alpha=1.0):
         axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=2 + 3 * leg, solid_joinstyle="round")
 
 def main():
-    """See the head of this file."""
     parser = StageParser(__doc__)
     args = parser.parse()
     out, robot, count = parser.folder(args), RobotModel(), 64

@@ -50,16 +50,14 @@ class Task:
     imu_rad: float = 0.02  # [rad] of the measured tilt; ours
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
-
     # Scalars of the reward. The paper's terms (values reconstructed):
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.02  # [-] continuity
-    # Our three:
-    s_fall: float = 6.0  # [-] the price of a fall
-    s_goal: float = 1.0  # [-] the prize for having arrived
-    s_time: float = 0.02  # [-] a double step; for ever: 0.02 / (1 − γ) = 1 with γ = 0.98
+    s_fall: float = 6.0  # [-] the price of a fall; ours
+    s_goal: float = 1.0  # [-] the prize for having arrived; ours
+    s_time: float = 0.02  # [-] a double step; for ever: 0.02 / (1 − γ) = 1 with γ = 0.98; ours
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
 # robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
@@ -73,8 +71,7 @@ GOAL_TABLE = (
     ("sin α", "1", -1.0, 1.0),
     ("α / π", "π rad", -1.0, 1.0),
 )
-# What the next step can do depends on how the body moves now; without a sensor, the last two
-# actions tell.
+# How the body moves now decides what it can do next; without a sensor, the last two actions tell.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
 PREVIOUS_TABLE = tuple((f"{name}, {ago}", "share of limits, −1…1", -1.0, 1.0)
                        for ago in ("last action", "action before") for name in ACTION_NAMES)
@@ -85,6 +82,7 @@ IMU_TABLE = (
 )
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
 PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # of an episode's own random numbers
+ENDS = ("success", "fall", "timeout", "time")  # what an environment tells of an ended episode
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
@@ -133,15 +131,14 @@ def to_footsteps(action, limits):
 
     A footstep that asks for too much at once is made smaller (`within` of stage 2).
     """
-    low, high = np.array(limits.low), np.array(limits.high)
-    asked = low + np.reshape(action, (*np.shape(action)[:-1], 2, 3)) * (high - low)
+    share = np.reshape(action, (*np.shape(action)[:-1], 2, 3))
+    asked = limits.low + share * np.subtract(limits.high, limits.low)
     return walk_engine.within(asked, limits)
 
 def to_action(footsteps, limits):
     """The action [..., 6] of footsteps [..., 2, 3], clipped; `to_footsteps` gives them back."""
-    low, high = np.array(limits.low), np.array(limits.high)
-    share = np.clip((footsteps - low) / (high - low), 0, 1)
-    return share.reshape(*share.shape[:-2], 6)
+    share = (footsteps - np.array(limits.low)) / np.subtract(limits.high, limits.low)
+    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     """The seven scaled terms by name, each [n]; their sum is the reward.
@@ -157,18 +154,17 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
     near0, near1 = np.exp(-((d0 / task.near_m) ** 2)), np.exp(-((d1 / task.near_m) ** 2))
-    # r_d = d − d′,  so Φ = −d
-    distance = d0 - d1
-    # r_a = |α|·near(d) − |α′|·near(d′),  near(d) = exp(−(d / 0.4 m)²);  Φ = −|α|·near(d)
-    angle = np.abs(alpha0) * near0 - np.abs(alpha1) * near1
-    # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
-    orient = np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)
-    # r_c = −Σ (footstep length − last footstep length)², in shares of the limits, x and y
-    x_and_y = [0, 1, 3, 4]
-    continuity = -((action - last_action)[:, x_and_y] ** 2).sum(-1)
-    return {"r_d": task.s_d * distance, "r_a": task.s_a * angle, "r_o": task.s_o * orient,
-            "r_c": task.s_c * continuity, "r_fall": -task.s_fall * fall,
-            "r_goal": task.s_goal * success, "r_time": np.full(len(d0), -task.s_time)}
+    return {
+        # r_d = d − d′,  so Φ = −d
+        "r_d": task.s_d * (d0 - d1),
+        # r_a = |α|·near(d) − |α′|·near(d′),  near(d) = exp(−(d / 0.4 m)²);  Φ = −|α|·near(d)
+        "r_a": task.s_a * (np.abs(alpha0) * near0 - np.abs(alpha1) * near1),
+        # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
+        "r_o": task.s_o * (np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)),
+        # r_c = −Σ (footstep length − last footstep length)², in shares of the limits, x and y
+        "r_c": task.s_c * -((action - last_action)[:, [0, 1, 3, 4]] ** 2).sum(-1),
+        "r_fall": -task.s_fall * fall, "r_goal": task.s_goal * success,
+        "r_time": np.full(len(d0), -task.s_time)}
 
 # ------------------------------------------------------------------------ the world
 @dataclass(frozen=True)
@@ -187,15 +183,14 @@ class FootstepWorld:
     PURPOSES: so N robots together do the same as each of them alone, and whatever a planner does,
     ground, body and noise stay the same.
     """
-
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
                  robot=robot_model.RobotModel(), spread=robot_model.Spread()):
         if sim not in list(walk_engine.LIMITS):  # a list: sim may be anything
             raise ValueError(f"sim must be {' or '.join(walk_engine.LIMITS)}, got {sim!r}")
         self.task, self.limits, self.spread = task, walk_engine.LIMITS[sim], spread
         self.noise = noise  # are goal and tilt measured with noise?
-        parameters, planar = walk_engine.TUNED[sim], sim == "pymunk"
-        self.engine = walk_engine.WalkEngine(num_robots, parameters, robot, planar)
+        self.engine = walk_engine.WalkEngine(num_robots, walk_engine.TUNED[sim], robot,
+                                             planar=sim == "pymunk")
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
@@ -277,14 +272,13 @@ class FootstepWorld:
         trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
         motion = self.sim.run(trajectory, robots)
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
-        roll_pitch = motion.torso[:, -1, 3:5]  # [n, 2] at the last control tick
-        self.tilt[robots] = np.concatenate([roll_pitch, motion.spin], -1)
+        self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
         self.actions[robots, 1], self.actions[robots, 0] = last, actions
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
-        at_goal = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
-        inside = at_goal & ~motion.fell  # a fall wins
+        inside = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
+        inside &= ~motion.fell  # a fall wins
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
         seconds = self.steps[robots] * self.engine.period
@@ -296,8 +290,7 @@ class FootstepWorld:
                 "time": seconds - success * self.engine.period,
                 "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
-    def close(self):
-        """End the simulator's threads or processes."""
+    def close(self):  # the simulator's threads or processes
         self.sim.close()
 
 def fingerprint(sim, imu=False):
@@ -314,13 +307,11 @@ def spaces(imu):
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished one starts anew in the SAME step:
-
     `step` returns the first observation of the new episode, and the last one of the old episode in
     `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
     estimated ("bootstrapped") from there. If one has ended: infos["_final_obs"][i] says, robot i's?
     (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
     """
-
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
@@ -338,9 +329,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i has the seed + i. options["goals"] [N, 3] sets the goals."""
-        rngs = ()
-        if seed is not None:
-            rngs = [stream("training", int(seed) + i) for i in self._everybody]
+        seeds = () if seed is None else range(int(seed), int(seed) + self.num_envs)
+        rngs = [stream("training", number) for number in seeds]
         self.world.reset(self._everybody, rngs, (options or {}).get("goals"))
         return self._observe(self._everybody), {}
 
@@ -349,24 +339,20 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         result = self.world.step(actions, self._everybody)
         terminated, truncated = result["success"] | result["fall"], result["timeout"]
         observations, done = self._observe(self._everybody), terminated | truncated
-        infos = {"reward_terms": result["reward_terms"]}
-        if done.any():
-            ended = np.flatnonzero(done)
-            final = {key: result[key] for key in ("success", "fall", "timeout", "time")}
-            infos["final_obs"], infos["_final_obs"] = observations.copy(), done
-            infos["final_info"] = {**final, **{f"_{key}": done for key in final}}
-            infos["_final_info"] = done
+        infos, ended = {"reward_terms": result["reward_terms"]}, np.flatnonzero(done)
+        if len(ended):
+            final = {key: result[key] for key in ENDS}
+            infos |= {"final_obs": observations.copy(), "_final_obs": done, "_final_info": done,
+                      "final_info": {**final, **{f"_{key}": done for key in ENDS}}}
             self.world.reset(ended)
             observations[ended] = self._observe(ended)
         return observations, result["reward"], terminated, truncated, infos
 
-    def close_extras(self, **_):
-        """Called once by `close`."""
+    def close_extras(self, **_):  # called once by `close`
         self.world.close()
 
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
-
     metadata = {"render_modes": []}
 
     def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
@@ -388,13 +374,12 @@ class FootstepEnv(gym.Env):
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
         result = self.world.step(checked("action", action, 6)[None], [0])
-        info = {key: result[key][0] for key in ("success", "fall", "timeout", "time")}
+        info = {key: result[key][0] for key in ENDS}
         info["reward_terms"] = {name: float(r[0]) for name, r in result["reward_terms"].items()}
         terminated, truncated = bool(info["success"] or info["fall"]), bool(info["timeout"])
         return self._observe(), float(result["reward"][0]), terminated, truncated, info
 
     def close(self):
-        """End the simulator."""
         self.world.close()
 
 gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=FootstepVectorEnv)
@@ -408,7 +393,7 @@ def hand_written(measured, limits):
     """
     d, alpha, beta = polar(measured)
     turn = np.where(d > 0.5, beta, alpha)  # [n] where to look; from half a metre on: our choice
-    low, high = np.array(limits.low) / 2, np.array(limits.high) / 2
+    low, high = np.array([limits.low, limits.high]) / 2
     footsteps = np.zeros((len(measured), 2, 3))
     # Both feet share the way forward; sideways only the leading foot steps outward, to −y for the
     # right one; yaw is limited by the smaller limit, low: inward.
@@ -419,7 +404,6 @@ def hand_written(measured, limits):
     return to_action(footsteps, limits)
 
 def main():
-    """See the head of this file."""
     parser = robot_model.StageParser(__doc__)
     parser.add_argument("--imu", action="store_true", help="tilt and angular velocity observed too")
     args = parser.parse()

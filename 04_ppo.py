@@ -135,8 +135,7 @@ class ActorCritic(nn.Module):
     def decide(self, obs):
         """What to do when it counts, arrays: [N, obs] -> [N, act]: the mode, as in the paper."""
         with torch.no_grad():  # mode = (α − 1) / (α + β − 2)
-            pi = self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32))
-            return pi.mode.numpy()
+            return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mode.numpy()
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps, bar):
@@ -376,9 +375,7 @@ class Run:
         return envs.reset(seed=random_seed(self.about["seed"], 1 + update))[0]
 
     def log(self, steps, row, bar):
-        """One line of the learning curve."""
-        seconds = time.monotonic() - self.started
-        self.rows.append({"steps": steps, "minutes": seconds / 60, **row})
+        self.rows.append({"steps": steps, "minutes": (time.monotonic() - self.started) / 60, **row})
         bar.set_postfix({name: f"{row[name]:.3g}" for name in ("success", "fall", "return")})
         if not np.isfinite(row["value_loss"]):
             raise FloatingPointError(f"after {steps} steps: the loss is not finite")
@@ -420,11 +417,10 @@ def plot_learning_curve(rows, path, title):
 # ------------------------------------------------------------------------ command line
 def foreign_envs(env_id, num_envs):
     """A registered Gymnasium environment for `train`: flat observations, actions in [0, 1]."""
-    def wrap(one):
-        return gym.wrappers.FlattenObservation(gym.wrappers.RescaleAction(one, *np.float32([0, 1])))
-
+    wrappers = (lambda one: gym.wrappers.RescaleAction(one, *np.float32([0, 1])),
+                gym.wrappers.FlattenObservation)
     mode = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    envs = gym.make_vec(env_id, num_envs, "sync", mode, (wrap,))
+    envs = gym.make_vec(env_id, num_envs, "sync", mode, wrappers)
     if len(envs.single_action_space.shape) != 1 or envs.single_action_space.dtype.kind != "f":
         raise ValueError(f"an action is {envs.single_action_space}")
     return envs

@@ -1,8 +1,161 @@
-"""Lets the tests import the stages: import_module("04_ppo")."""
+"""Lets the tests import the stages: import_module("04_ppo"). With `--stages FOLDER` it grades the
+exercises in that folder; a file that it lacks is taken from the repository:
 
+    python -m pytest tests --stages exercises              all of exercises/workbook.py
+    python -m pytest tests --stages exercises -k gae       this one; or -k "gae or quintic"
+
+The folder is seen from where you are, or else from the repository's root. Write `tests` (from
+another folder: the path to it), for that is how pytest finds the option before it knows it.
+"""
+
+import _thread
 import os
+import re
 import sys
+import threading
 from pathlib import Path
 
+import pytest
+
 os.environ["MPLBACKEND"] = "Agg"  # draw into files, without a screen
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+sys.path.append(str(ROOT / "tests" / "exercises"))
+
+from workbook import BOOK, graded_by  # noqa: E402  (in tests/exercises)
+
+PATIENCE = 60  # [s] for a test of an exercise
+
+def pytest_addoption(parser):
+    parser.addoption("--stages", metavar="FOLDER", help="grade the exercises in this folder")
+
+def pytest_configure(config):
+    given = config.getoption("stages")
+    if given is None:
+        return
+    places = [base / given for base in (config.invocation_params.dir, ROOT)]
+    folder = next((place.resolve() for place in places if place.is_dir()), None)
+    if folder is None:
+        raise pytest.UsageError(f"--stages {given}: there is no such folder")
+    if not any((folder / f"{row.file}.py").is_file() for row in BOOK.values()):
+        raise pytest.UsageError(f"--stages {given}: neither a stage nor another exercise in there")
+    sys.path.insert(0, str(folder))
+    sys.dont_write_bytecode = True  # nothing of ours among a student's files
+    config.pluginmanager.register(Grading(config, folder))
+
+class Grading:
+    """Runs the tests of the chosen exercises and nothing else, and says at last what to mend."""
+
+    def __init__(self, config, folder):
+        self.folder, self.chosen = folder, list(BOOK)
+        words = re.findall(r"\w+", config.option.keyword)
+        if words and set(words) <= {"or", *BOOK}:  # names of exercises, not of tests
+            self.chosen = [name for name in BOOK if name in words]
+            config.option.keyword = ""
+        self.passed = {name: [] for name in self.chosen}  # a bool for every test
+        self.hints = {name: [] for name in self.chosen}  # what failing tests say
+        self.tests = {}  # exercises by the test's node id
+        if config.option.tbstyle == "auto":
+            config.option.tbstyle = "short"
+        config.option.continue_on_collection_errors = True  # one bad file, and the others' grades
+        config.option.reportchars = "N"  # no summary that cuts the hints off
+
+    def pytest_report_header(self):
+        here = sorted({f"{row.file}.py" for row in BOOK.values()
+                       if (self.folder / f"{row.file}.py").is_file()})
+        return f"grading {self.folder}: {', '.join(here)}"
+
+    def pytest_ignore_collect(self, collection_path):
+        graders = {BOOK[name].tests[0] for name in self.chosen}
+        return collection_path.suffix == ".py" and collection_path.stem not in graders or None
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_collection_modifyitems(self, config, items):
+        for item in items:
+            self.tests[item.nodeid] = [name for name in self.chosen if graded_by(
+                BOOK[name], item.path.stem, item.originalname)]
+        others = [item for item in items if not self.tests[item.nodeid]]
+        if others:
+            config.hook.pytest_deselected(items=others)
+            items[:] = [item for item in items if self.tests[item.nodeid]]
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item):
+        """An endless loop must not stop a teacher's loop over thirty submissions."""
+        def stop():
+            item.stopped = True
+            _thread.interrupt_main()
+
+        late, item.stopped = threading.Timer(PATIENCE, stop), False
+        late.daemon = True
+        late.start()
+        try:
+            return (yield)
+        finally:
+            late.cancel()
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item):
+        try:
+            return (yield)
+        except KeyboardInterrupt:
+            if item.stopped:
+                pytest.fail(f"takes longer than {PATIENCE} s: a loop that never ends?")
+            raise
+
+    def pytest_runtest_logreport(self, report):
+        if report.when == "call" or report.failed:
+            for name in self.tests[report.nodeid]:
+                self.passed[name].append(report.passed)
+                if report.failed:
+                    self._keep(name, report)
+
+    def pytest_collectreport(self, report):
+        if report.failed:  # the module of the tests could not be imported
+            for name in self.chosen:
+                if report.nodeid.endswith(f"{BOOK[name].tests[0]}.py"):
+                    self.passed[name].append(False)
+                    self._keep(name, report)
+
+    def _keep(self, name, report):
+        text = hint(report)
+        if text not in self.hints[name]:
+            self.hints[name].append(text)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_terminal_summary(self, terminalreporter):
+        write = terminalreporter.write_line
+        terminalreporter.section("what to mend")
+        for name, passed in self.passed.items():
+            stars = "★" * BOOK[name].stars
+            if not passed:
+                write(f"{name} {stars}: not graded, its tests were not run")
+            elif all(passed):
+                write(f"{name} {stars}: solved, {len(passed)} of {len(passed)} tests pass", green=1)
+            else:
+                write(f"{name} {stars}: {sum(passed)} of {len(passed)} tests pass", red=1)
+                for text in self.hints[name][:4]:
+                    write(f"  - {text}")
+                write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
+        if len(self.passed) > 1:
+            solved = sum(bool(passed) and all(passed) for passed in self.passed.values())
+            write(f"{solved} of {len(self.passed)} exercises solved")
+
+def hint(report):
+    """What a failing test has to say, in a few words: its author's message, if there is one."""
+    crash = getattr(report.longrepr, "reprcrash", None)
+    if crash is None:  # a file that cannot be imported: the last line says why
+        lines = [line for line in str(report.longrepr).splitlines() if line.strip()]
+        return re.sub(r"^E\s*", "", lines[-1])
+    text = crash.message.removeprefix("AssertionError").removeprefix(":").strip()
+    text = re.sub(r"^NotImplementedError: exercise: (\w+)", r"\1 is not written yet", text)
+    # numpy's comparisons: the message stands between a head and the numbers.
+    text = re.sub(r"^(Not equal to tolerance.*|Arrays are not .*|Items are not .*)\n+", "", text)
+    lines = []
+    for line in text.splitlines():
+        if line.startswith(("assert ", "Mismatched", "x and y ", "(shapes", " ACTUAL", "Mismatch")):
+            break
+        lines.append(line.strip())
+    # Without a message: what the test is called, and what it found.
+    words = report.nodeid.split("::")[-1].removeprefix("test_").replace("_", " ")
+    return " ".join(filter(None, lines)) or f"{words}: {(text.splitlines() or ['failed'])[0]}"

@@ -1,33 +1,68 @@
 """Exercises whose functions no stage has, graded against independent truth."""
 
-import sys
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-sys.path.insert(0, str(Path(__file__).parent / "exercises"))
-exercise = import_module("beta")
+exercise = import_module("beta")  # tests/exercises/beta.py, or a student's
 SHAPES = [(1.0, 1.0), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0), (1.0, 3.0)]
+
+def some_shapes():
+    """α and β of four times three variables, and their distribution by PyTorch."""
+    rng = torch.Generator().manual_seed(0)
+    a, b = 1 + 5 * torch.rand(2, 4, 3, generator=rng, dtype=torch.float64)
+    return a, b, torch.distributions.Beta(a, b)
+
+@pytest.fixture
+def alone(monkeypatch):
+    """PyTorch's own distributions are the judge, not the solution."""
+    def refuse(*_):
+        pytest.fail("write the formula out: torch.distributions is the judge")
+
+    for kind in torch.distributions.Beta, torch.distributions.Dirichlet:
+        for name in "log_prob", "entropy":
+            monkeypatch.setattr(kind, name, refuse)
+        monkeypatch.setattr(kind, "mode", property(refuse))
+
+TWO = torch.full((1, 1), 2.0, dtype=torch.float64)
 
 @pytest.mark.parametrize("a, b", SHAPES)
 def test_beta_density_integrates_to_one(a, b):
     x = torch.linspace(0, 1, 20_001, dtype=torch.float64)[1:-1, None]
     log_p = exercise.beta_log_prob(x, torch.full_like(x, a), torch.full_like(x, b))
     area = log_p.exp().sum().item() / 20_000
-    assert area == pytest.approx(1.0, abs=2e-3), "the normalisation B(α, β) is wrong"
+    assert area == pytest.approx(1.0, abs=2e-3), (
+        "the area below p(x) must be 1: is the normalisation ln B(α, β) wrong, or is its sign?")
 
-def test_joint_log_prob_and_entropy_sum_over_the_variables():
-    rng = torch.Generator().manual_seed(0)
-    a, b = 1 + 5 * torch.rand(2, 4, 3, generator=rng, dtype=torch.float64)
-    x = torch.rand(4, 3, generator=rng, dtype=torch.float64)
-    truth = torch.distributions.Beta(a, b)
+def test_beta_log_prob_sums_over_the_variables():
+    (a, b, truth), x = some_shapes(), torch.linspace(0.05, 0.95, 12, dtype=torch.float64)
+    x = x.reshape(4, 3)
     got = exercise.beta_log_prob(x, a, b)
-    assert got.shape == (4,), "one number for all k variables of a row: their SUM, not the mean"
-    torch.testing.assert_close(got, truth.log_prob(x).sum(-1))
-    torch.testing.assert_close(exercise.beta_entropy(a, b), truth.entropy().sum(-1))
+    assert got.shape == (4,), "one number for all k variables of a row: their SUM over axis −1"
+    torch.testing.assert_close(got, truth.log_prob(x).sum(-1), msg=lambda numbers: (
+        "ln p of independent variables is the SUM (not the mean) of theirs: (α−1)·ln x + "
+        f"(β−1)·ln(1−x) − ln B(α, β); are α and β, x and 1 − x in their places?\n{numbers}"))
+
+def test_beta_log_prob_is_written_out(alone):
+    assert exercise.beta_log_prob(TWO / 4, TWO, TWO).item() == pytest.approx(np.log(1.5))
+
+def test_beta_entropy_is_written_out(alone):
+    assert exercise.beta_entropy(TWO, TWO).item() == pytest.approx(5 / 3 - np.log(6))
+
+def test_beta_mode_is_written_out(alone):
+    assert exercise.beta_mode(TWO, TWO).item() == 0.5, "symmetric: the mode is in the middle"
+
+def test_beta_entropy_sums_over_the_variables():
+    a, b, truth = some_shapes()
+    got = exercise.beta_entropy(a, b)
+    assert got.shape == (4,), "one number for all k variables of a row: their SUM over axis −1"
+    torch.testing.assert_close(got, truth.entropy().sum(-1), msg=lambda numbers: (
+        "compare every sign with the equation; ψ is the DIgamma function, the derivative of "
+        f"ln Γ, and the last factor is α + β − 2\n{numbers}"))
+
+def test_beta_entropy_of_the_uniform_distribution_is_zero():
     flat = torch.ones(1, 1, dtype=torch.float64)
     assert abs(exercise.beta_entropy(flat, flat).item()) < 1e-12, "uniform: the entropy is 0"
 

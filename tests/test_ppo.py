@@ -63,8 +63,12 @@ def test_clipped_objective_truth_table():
         (1.0, 2.0, 2.0), (1.5, 2.0, 2.4), (0.5, 2.0, 1.0),
         (1.0, -2.0, -2.0), (1.5, -2.0, -3.0), (0.5, -2.0, -1.6)]
     ratio, advantage, want = torch.tensor(table).T
+    assert ppo.clipped_objective(ratio, advantage, 0.2).shape == (6,), (
+        "a number per sample: the mean is taken later")
     assert torch.allclose(ppo.clipped_objective(ratio, advantage, 0.2), want), (
         "take the minimum of both products; clipping the ratio alone forgives bad moves")
+    assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
+        "ε is the argument `clip`, not always 0.2")
 
 # ------------------------------------------------------------------------ the networks
 def model_with(alpha, beta):
@@ -142,15 +146,20 @@ def test_first_policy_is_around_first_action():
     mode = model.decide(obs)
     assert mode.shape == (100, 3) and mode.dtype == np.float32
     np.testing.assert_allclose(mode, np.tile(first, (100, 1)), atol=0.02, err_msg=(
-        "the bias must be softplus⁻¹(m·(c−2)), and the last layer's weights small"))
+        "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; and the last "
+        "layer's weights small"))
     for concentration in (3.0, 10.0, 50.0):
         model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
         with torch.no_grad():
             pi = model.policy(torch.tensor(obs, dtype=torch.float32))
         # Var = m·(1 − m) / (α + β + 1) at the mean m
         total = pi.mean * (1 - pi.mean) / pi.variance - 1
-        np.testing.assert_allclose(total, concentration, rtol=0.05, err_msg="α + β")
-    corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5]).decide(obs)
+        np.testing.assert_allclose(total, concentration, rtol=0.05, err_msg=(
+            "α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"))
+    corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
+    assert torch.isfinite(corner.actor[-1].bias).all(), (
+        "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99")
+    corner = corner.decide(obs)
     assert np.isfinite(corner).all() and (corner >= 0).all() and (corner <= 1).all()
 
 def test_samples_follow_the_policy_and_values_have_no_extra_axis():
@@ -462,6 +471,29 @@ def test_gradients_are_limited_to_the_maximal_length():
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=1e-6), rollout(model, scale=1000), cfg)
     assert min(lengths[-12:]) > 50, "the limit is a setting, and the test needs long gradients"
+    assert lengths[-1] < 4 * lengths[-12], (
+        "gradients pile up from one step to the next: optimizer.zero_grad() before backward()")
+
+def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
+    cfg = ppo.PPOConfig(minibatch=128, epochs=60, clip=0.1, value_coef=0.0, max_grad_norm=1e9)
+    model = fresh_model()
+    watched = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), rollout(model), cfg)
+    assert 0.001 < watched["approx_kl"] < 0.05, (
+        f"after 60 rounds the policy has moved by {watched['approx_kl']:.3f} nats: π_old is that "
+        "before the first gradient step, and the clipped objective pays nothing beyond 1 ± ε")
+
+def test_the_critic_s_weight_is_value_coef():
+    cfg = ppo.PPOConfig(minibatch=64, epochs=2, max_grad_norm=1e9)
+
+    def moved(value_coef):
+        model = fresh_model()
+        start, data = copy.deepcopy(model.critic), rollout(model)
+        ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1e-4), data,
+                    replace(cfg, value_coef=value_coef))
+        return distance(model.critic, start)
+
+    assert moved(0.0) == 0, "loss = −L + value_coef·L_V: with 0 the critic does not learn"
+    assert moved(1.0) == pytest.approx(2 * moved(0.5), rel=0.05), "twice value_coef, twice as far"
 
 def test_advantages_are_normalised():
     cfg = ppo.PPOConfig(minibatch=64, epochs=3, value_coef=0.0, max_grad_norm=1e9)

@@ -113,7 +113,8 @@ def test_compose_multiplies_matrices_and_relative_undoes_it():
         place = a[:2] + (first @ [b[0], b[1], 0])[:2]
         np.testing.assert_allclose(c[:2], place, atol=1e-12, err_msg=(
             "first turn the pose by the base's yaw, then add the base's place"))
-    np.testing.assert_allclose(robot_model.relative(base, got), inner, atol=1e-12)
+    np.testing.assert_allclose(robot_model.relative(base, got), inner, atol=1e-12, err_msg=(
+        "relative undoes compose: first subtract the base's place, then turn back, by −yaw"))
 
 def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     angles = np.concatenate([np.linspace(-20, 20, 101), [math.pi, -math.pi, 3 * math.pi]])
@@ -135,7 +136,8 @@ def test_forward_kinematics_equals_mujoco():
     for joints in random_joints(rng, 50):
         torso = np.concatenate([rng.normal(size=3), rng.uniform(-1.2, 1.2, 3)])
         model, data = mujoco_at(torso, joints)
-        points, yaws = robot_model.body_points(ROBOT, torso, joints)  # [2, 5, 3], [2]
+        points, turn = robot_model.body_points(ROBOT, torso, joints)  # [2, 5, 3], [2, 3, 3]
+        yaws = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])  # [2]
         for leg, (side, sign) in enumerate((("left", 1), ("right", -1))):
             for k, name in enumerate(("hip", "shin", "foot")):  # a body sits at its upper joint
                 np.testing.assert_allclose(points[leg, k], data.body(f"{side} {name}").xpos,
@@ -176,7 +178,8 @@ def test_body_inverse_puts_the_feet_where_they_should_be():
     feet[..., 1] = trunk[:, None, 1] + sin * away[..., 0] + cos * away[..., 1]
     feet[..., 3] += trunk[:, None, 5]
     joints = robot_model.body_inverse(ROBOT, trunk, feet)
-    points, yaw = robot_model.body_points(ROBOT, trunk, joints)
+    points, turn = robot_model.body_points(ROBOT, trunk, joints)
+    yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])
     sole = feet[..., None, 2] * np.ones(2)
     np.testing.assert_allclose(points[..., 3:, 2], sole, atol=1e-9, err_msg="soles must be level")
     np.testing.assert_allclose(points[..., 2, :2], feet[..., :2], atol=1e-9)
@@ -201,7 +204,8 @@ def test_body_inverse_on_the_plane_keeps_the_legs_below_their_hips():
 def test_stance_stands_flat_on_the_ground(name):
     torso, joints = robot_model.stance(ROBOT, 0.38, 0.2, 0.15, name == "pymunk", 0.02)
     np.testing.assert_array_equal(torso, [0, 0, 0.38, 0, 0.15, 0])
-    points, yaw = robot_model.body_points(ROBOT, torso, joints)
+    points, turn = robot_model.body_points(ROBOT, torso, joints)
+    yaw = np.arctan2(turn[:, 1, 0], turn[:, 0, 0])
     np.testing.assert_allclose(points[:, 3:, 2], 0, atol=1e-9, err_msg="heel or toe in the air")
     width = 2 * ROBOT.hip_y if name == "pymunk" else 0.2
     np.testing.assert_allclose(points[:, 2, :2], [[-0.02, width / 2], [-0.02, -width / 2]],
@@ -234,7 +238,8 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     foot = robot_model.rotation(*rng.uniform(-3, 3, (3, 2000)))
     joints = robot_model.leg_inverse(ROBOT, position, foot)
     assert np.isfinite(joints).all(), "arccos and arcsin need their argument clipped to ±1"
-    assert (joints >= ROBOT.joint_min).all() and (joints <= ROBOT.joint_max).all()
+    assert (joints >= ROBOT.joint_min).all() and (joints <= ROBOT.joint_max).all(), (
+        "at last clip the angles to the joint limits")
     free = ((joints > ROBOT.joint_min) & (joints < ROBOT.joint_max)).all(1)
     free &= np.linalg.norm(position, axis=1) < ROBOT.thigh_length + ROBOT.shin_length
     points, got = robot_model.leg_points(ROBOT, joints)

@@ -22,7 +22,7 @@ FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
     "03_env.py": ["--imu"],
     "04_ppo.py": ["--imu", "--noise", "--no-noise", "--steps", "--quick", "--resume", "--env"],
     "05_evaluate.py": ["--noise", "--episodes", "--goals", "--far", "--friction", "--policy",
-                       "--imu", "--gif"],
+                       "--imu", "--gif", "--planner", "--play"],
 }
 SCRIPTS = tuple(FLAGS)
 

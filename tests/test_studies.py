@@ -20,7 +20,8 @@ FOLDER = Path(__file__).resolve().parent / "studies"
 sys.path.append(str(FOLDER))
 common, kept = import_module("common"), import_module("kept")
 env, ppo, evaluate, torch = kept.env, kept.ppo, kept.evaluate, kept.ppo.torch
-STUDIES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in ("common", "kept"))
+SHARED = "book", "common", "kept"
+STUDIES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in SHARED)
 SIMS = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 EVERY = pytest.mark.parametrize("name", STUDIES)
 
@@ -490,7 +491,7 @@ def test_baseline_and_search_are_tuned_and_shipped(tiny, monkeypatch):
     monkeypatch.setattr(env, "Task", partial(env.Task, success_m=9.0, success_rad=4.0))
     make_small(monkeypatch, "baseline")
     make_small(monkeypatch, "search")
-    planner, _ = evaluate.load_search(common.RESULTS / "mujoco" / "search.npz", "mujoco")
+    _, planner, _ = evaluate.load(common.RESULTS / "mujoco" / "search.npz", "mujoco")
     limits = env.walk_engine.LIMITS["mujoco"]
     table = search.double_steps(limits, 0.5), planner.moves, planner.value
     monkeypatch.setattr(search, "table", lambda sim, factor: table)

@@ -70,7 +70,7 @@ def to_ship(folders, median, prefix=""):
 def policy(path, sim):
     """The planner of a policy file, and what it depends on."""
     try:
-        return evaluate.load_planner(path, sim)[0], path.read_bytes()
+        return evaluate.load(path, sim)[1], path.read_bytes()
     except ppo.PolicyError as error:
         raise common.StudyError(str(error)) from error
 
@@ -82,8 +82,8 @@ def opponents(sim):
     """The paper's baseline and what is shipped beside it, by name, each with what it depends on."""
     folder, found = common.RESULTS / sim, {"baseline": baseline(evaluate.BaselineSettings())}
     try:
-        tuned = evaluate.load_baseline(folder / "baseline_tuned.json", sim)[0]
-        search = evaluate.load_search(folder / "search.npz", sim)[0]
+        tuned = evaluate.load(folder / "baseline_tuned.json", sim)[1]
+        search = evaluate.load(folder / "search.npz", sim)[1]
     except evaluate.InputError as error:
         raise common.StudyError(str(error)) from error
     file = (folder / "search.npz").read_bytes()

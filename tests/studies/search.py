@@ -70,7 +70,7 @@ def table(sim, factor):
         value = evaluate.steps_to_go(moves[stood], env.Task())
         save(path, sim, factor, 1.0, (steps[stood], moves[stood], value))
     with np.load(path) as stored:
-        planner = evaluate.load_search(path, sim)[0]
+        planner = evaluate.load(path, sim)[1]
         return stored["steps"], stored["moves"], planner.value
 
 def planner(sim, factor, change):

@@ -1,0 +1,84 @@
+"""The small experiments of predict.md; each prints a few numbers. Write down your guess first.
+
+    python tests/exercises/predict.py circle               the return of walking in a circle
+    python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
+    python tests/exercises/predict.py load --mujoco        larger steps in all directions at once
+    python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
+"""
+
+import argparse
+import sys
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import torch
+
+sys.path.append(str(Path(__file__).resolve().parents[2]))  # the stages
+robot_model = import_module("01_robot_model")
+walk_engine = import_module("02_walk_engine")
+env = import_module("03_env")
+evaluate = import_module("05_evaluate")
+
+def circle(sim):
+    """Sums of the three progress rewards on a circle, 2 m across, that passes the start again."""
+    angle = np.linspace(0, 2 * np.pi, 41)  # [rad] forty double steps, from the start to the start
+    poses = np.stack([np.sin(angle), 1 - np.cos(angle), angle], -1)  # [41, 3] of the robot
+    goals = robot_model.relative(poses, np.array([3.0, 0.0, 0.0]))  # [41, 3] seen from it
+    nothing = np.zeros((40, 6))
+    terms = env.reward_terms(goals[:-1], goals[1:], nothing, nothing, 0.0, 0.0)
+    for gamma in (1.0, 0.98, 0.9):
+        factors = gamma ** np.arange(40)
+        sums = {name: (factors * terms[name]).sum() for name in ("r_d", "r_a", "r_o")}
+        print(f"γ = {gamma:4.2f}: " + ", ".join(f"{k} {v + 0:6.3f}" for k, v in sums.items()),
+              f"  the seven terms {(factors * sum(terms.values())).sum():6.3f}")
+
+def sharpness(sim):
+    """Mode, mean, spread and entropy of Beta(1 + 8·m, 1 + 8·(1 − m)) to the power of k."""
+    for mode in (0.5, 0.9):
+        for k in (1.0, 2.0, 4.0):
+            raw = torch.tensor([mode, 1 - mode]) * (10.0 - 2.0)
+            beta = torch.distributions.Beta(*(1 + k * raw))
+            print(f"mode {mode}: k = {k:.0f}  mean {beta.mean:.3f}, standard deviation "
+                  f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats")
+
+def load(sim):
+    """Share of random plans that end upright, by the largest `load` of a footstep."""
+    dice = np.random.default_rng(0)
+    plans = dice.random((96, 8, 2, 3))  # the same shares of the limits for every load
+    bodies = robot_model.Spread().draw(dice.spawn(96), robot_model.RobotModel())
+    for most in (1.0, 1.5, 2.0, 3.0):
+        limits = replace(walk_engine.LIMITS[sim], load=most)
+        steps = env.to_footsteps(plans.reshape(96, 8, 6), limits)
+        _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], steps, bodies)
+        print(f"load {most:.1f}: mean |x| of a footstep {np.abs(steps[..., 0]).mean():.3f} m, "
+              f"{np.mean(fall == 8):.2f} of the plans stood")
+
+def filter_(sim):
+    """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
+    trials, world = evaluate.draw_trials(0, 100), env.FootstepWorld(100, sim)
+    for noise in (False, True):
+        for tau in (0.0, 1.0, 3.0):
+            settings = evaluate.BaselineSettings(time_constant=tau)
+            ended = evaluate.evaluate(evaluate.BaselinePlanner(settings), world, trials, noise)
+            reached = ended["outcome"] == "success"
+            print(f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
+                  f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still there "
+                  f"{ended['still_there'][reached].mean():.2f}")
+    world.close()
+
+EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "load": load, "filter": filter_}
+
+def main():
+    sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("name", choices=EXPERIMENTS)
+    parser.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
+                        default="pymunk", help="3-D instead of the sagittal plane")
+    args = parser.parse_args()
+    EXPERIMENTS[args.name](args.sim)
+
+if __name__ == "__main__":  # the simulator's worker processes import this file again
+    main()

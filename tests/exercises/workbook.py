@@ -1,0 +1,68 @@
+"""The one list of the exercises in which a function is to be written.
+
+sheet.py empties these functions, ../conftest.py grades them, ../test_book.py checks that README.md
+beside this file agrees.
+"""
+
+from collections import namedtuple
+
+Exercise = namedtuple("Exercise", (
+    "name",  # what `--only` and `-k` call it
+    "file",  # its module: a stage, or one in this folder
+    "functions",  # what is to be written; a method with its class
+    "stars",  # 1: follow the formula … 4: an algorithm
+    "minutes",
+    "tests",  # the module that grades it, and how the names of the tests begin
+    "since",  # "": all of the body; else from the statement on that begins like this
+), defaults=("",))
+
+ROBOT, WALK, ENV, PPO = "01_robot_model", "02_walk_engine", "03_env", "04_ppo"
+EVALUATE = "05_evaluate"
+
+BOOK = {row[0]: Exercise(*row) for row in (
+    ("wrap", ROBOT, ("wrap",), 1, 10, ("test_robot", "wrap_")),
+    ("compose", ROBOT, ("compose", "relative"), 1, 20, ("test_robot", "compose_")),
+    ("fallen", ROBOT, ("fallen",), 1, 15, ("test_robot", "fall_means")),
+    ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_robot", "forward_kinematics")),
+    ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_robot", "leg_inverse", "inverse_")),
+    ("within", WALK, ("within",), 1, 20, ("test_walk", "within_")),
+    ("quintic", WALK, ("quintic",), 2, 30, ("test_walk", "quintic_", "rest_to_rest")),
+    ("highest_speed", WALK, ("highest_speed",), 2, 30, ("test_walk", "highest_speed")),
+    ("swing", WALK, ("WalkEngine._swing",), 3, 60,
+     ("test_walk", "swing_", "all_zero", "plans_of_many")),
+    ("knot", WALK, ("WalkEngine._knot",), 3, 60, ("test_walk", "trunk_passes", "plans_of_many")),
+    ("encode_goal", ENV, ("encode_goal",), 1, 20, ("test_env", "goal_is_encoded", "many_goals")),
+    ("actions", ENV, ("to_footsteps", "to_action"), 2, 30,
+     ("test_env", "actions_and_footsteps", "a_footstep_that_asks")),
+    ("reward_terms", ENV, ("reward_terms",), 2, 45,
+     ("test_env", "reward_formulas", "going_in_circles", "discounted_progress")),
+    ("clipped_objective", PPO, ("clipped_objective",), 1, 15, ("test_ppo", "clipped_objective")),
+    ("first_bias", PPO, ("ActorCritic.__init__",), 2, 30, ("test_ppo", "first_policy_is"),
+     "mode ="),
+    ("gae", PPO, ("gae",), 2, 45, ("test_ppo", "gae_")),
+    ("improve", PPO, ("improve",), 4, 240,
+     ("test_ppo", "numbers_to_watch", "gradients_are", "advantages_are", "the_old_policy",
+      "the_critic_s_weight", "action_", "constant_reward")),
+    ("low_pass", EVALUATE, ("low_pass",), 1, 15, ("test_evaluate", "the_filter")),
+    ("wilson", EVALUATE, ("wilson",), 1, 20, ("test_evaluate", "wilson_")),
+    ("velocity_command", EVALUATE, ("velocity_command",), 2, 45,
+     ("test_evaluate", "speed_", "far_away")),
+    ("velocity_to_footsteps", EVALUATE, ("velocity_to_footsteps",), 2, 30,
+     ("test_evaluate", "velocities_become", "planned_footsteps")),
+    ("time_ratio", EVALUATE, ("time_ratio",), 2, 45, ("test_evaluate", "time_ratio")),
+    ("look_up", EVALUATE, ("look_up",), 2, 45, ("test_evaluate", "look_up")),
+    ("steps_to_go", EVALUATE, ("steps_to_go",), 4, 180, ("test_evaluate", "steps_to_go")),
+    ("beta_log_prob", "beta", ("log_beta_function", "beta_log_prob"), 1, 20,
+     ("test_exercises", "beta_density", "beta_log_prob")),
+    ("beta_mode", "beta", ("beta_mode",), 1, 15, ("test_exercises", "beta_mode")),
+    ("beta_entropy", "beta", ("beta_entropy",), 2, 30, ("test_exercises", "beta_entropy")),
+)}
+
+def graded_by(exercise, module, test):
+    """Does this test (names without .py and parameters) grade the exercise?"""
+    grader, *beginnings = exercise.tests
+    return module == grader and test.removeprefix("test_").startswith(tuple(beginnings))
+
+def command(name, folder="exercises"):
+    """How it is graded, from the root of the repository."""
+    return f"python -m pytest tests --stages {folder} -k {name}"

@@ -1,0 +1,12 @@
+# The sum goes on behind a fall. Says: a fall AND a cut-off
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    bootstrap = torch.where(terminated, torch.zeros_like(next_values), next_values)
+    deltas = rewards + gamma * bootstrap - values
+    goes_on = 1.0 - truncated.to(rewards.dtype)
+    advantages = torch.zeros_like(rewards)
+    later = torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        later = deltas[t] + gamma * lam * goes_on[t] * later
+        advantages[t] = later
+    return advantages

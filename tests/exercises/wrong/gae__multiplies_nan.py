@@ -1,0 +1,12 @@
+# 0·nan is nan. Says: 0·nan is nan
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    bootstrap = (1.0 - terminated.to(rewards.dtype)) * next_values
+    deltas = rewards + gamma * bootstrap - values
+    goes_on = 1.0 - (terminated | truncated).to(rewards.dtype)
+    advantages = torch.zeros_like(rewards)
+    later = torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        later = deltas[t] + gamma * lam * goes_on[t] * later
+        advantages[t] = later
+    return advantages

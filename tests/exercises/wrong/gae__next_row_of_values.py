@@ -1,0 +1,13 @@
+# V of the next row instead of what really followed. Says: does a fall zero
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    bootstrap = torch.where(terminated, torch.zeros_like(next_values),
+                            torch.cat([values[1:], next_values[-1:]]))
+    deltas = rewards + gamma * bootstrap - values
+    goes_on = 1.0 - (terminated | truncated).to(rewards.dtype)
+    advantages = torch.zeros_like(rewards)
+    later = torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        later = deltas[t] + gamma * lam * goes_on[t] * later
+        advantages[t] = later
+    return advantages

@@ -1,0 +1,10 @@
+# The way with its sign. Says: backward
+
+def highest_speed(poses, fall, period):
+    speeds = {}
+    for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
+        rows = slice(i * LEVELS, (i + 1) * LEVELS)
+        moved = poses[rows, -1, axis] - poses[rows, 0, axis]
+        unbroken = np.cumprod(fall[rows] == len(PATTERN))
+        speeds[direction] = float(np.max(moved * unbroken) / (sum(PATTERN) * period))
+    return speeds
