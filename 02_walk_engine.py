@@ -3,13 +3,13 @@
 Paper: the walk engine of [5]: quintic splines for the swing foot and the trunk, analytic inverse
 kinematics, open loop within a double step; parameters found by optimisation.
 
-    python 02_walk_engine.py             one plan and four walks, asked for and walked; seconds
-    python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 5 minutes
+    python 02_walk_engine.py             one plan, what it is worth, and four walks; 15 seconds
+    python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 12 minutes
 
-(both with `--mujoco` in 3-D). The first prints commanded and walked distances and draws
-`runs/<sim>/02_*.png`; the second prints a WalkParameters line to be pasted into TUNED. Expect: the
-robot walks nearly as far as commanded, in 3-D with some slip. Predict: with `--mujoco`, what does
-the trunk do sideways in a straight walk, and why? (On the plane it need not do anything.)
+(both with `--mujoco` in 3-D). The first prints how fast and how well it walks on drawn ground with
+drawn bodies, and what four walks do; it draws `runs/<sim>/02_*.png`. The second prints a line for
+TUNED. Expect: it walks nearly as far as commanded. Predict: with `--mujoco`, what does the trunk do
+sideways in a straight walk, and why? (On the plane it need not do anything.)
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where a swing foot lands, seen from the other foot and from its usual place beside it; y and yaw are
@@ -343,6 +343,14 @@ def measure(sim, parameters, seed=0, limits=None):
             "clearance": np.percentile(np.concatenate(clearance), [50, 5]).tolist(),
             "slip": float(np.median(np.concatenate(slip)))}
 
+def average(parts):
+    """The mean of several `measure`s, number by number."""
+    if isinstance(parts[0], dict):
+        return {key: average([part[key] for part in parts]) for key in parts[0]}
+    if isinstance(parts[0], list):
+        return [average(row) for row in zip(*parts)]
+    return float(np.mean(parts))
+
 # ------------------------------------------------------------------------ tuning
 SEARCH = {  # tuned parameters and their ranges: those of [5], some made wider
     "frequency": (1.0, 3.0), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
@@ -440,7 +448,11 @@ def main():
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
-    print(f"drawn ground and bodies: {in_words(measure(args.sim, TUNED[args.sim]))}")
+    seen = average([measure(args.sim, TUNED[args.sim], draw) for draw in range(3)])
+    for mu, speeds, ratios in zip(FRICTION, seen["speeds"], seen["tracking"]):
+        print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)",
+              ", ".join(f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds))
+    print(in_words(seen))
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     for name, asked, walked, when in zip(WALKS, wanted, poses, fall):

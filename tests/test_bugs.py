@@ -1,5 +1,5 @@
-"""The patches of tests/exercises/bugs: each applies to the stages as they are and changes one of them
-so that it still imports; and the test that debug.md names catches it (slow)."""
+"""The patches of tests/exercises/bugs: each applies to the stages as they are and changes one of
+them a little; the stages still import, and the test that debug.md names catches the bug (slow)."""
 
 import os
 import re
@@ -85,4 +85,4 @@ def test_bug_is_silent_and_caught_by_our_test(name, copy):
         code, said = run(sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider",
                          f"tests/{module}.py::{test}", folder=copy)
         assert code == 1, f"{test} does not catch {name}:\n{said[-2000:]}"
-        assert "AssertionError" in said, f"{test} fails, but not by what it asserts:\n{said[-2000:]}"
+        assert "AssertionError" in said, f"{test} fails, but asserts nothing:\n{said[-2000:]}"

@@ -128,3 +128,9 @@ def test_the_quick_experiments_print_what_is_told(name, capsys):
     told = (BOOKS / "predict.md").read_text(encoding="utf-8")
     for line in capsys.readouterr().out.splitlines():
         assert line.strip() in told, f"predict.md does not show {line!r}"
+
+@pytest.mark.parametrize("name", ["foot_rise", "double_support"])
+def test_predictions_were_measured_with_the_walk_that_is_used(name):
+    tuned = getattr(import_module("02_walk_engine").TUNED["mujoco"], name)
+    told = (BOOKS / "predict.md").read_text(encoding="utf-8")
+    assert f"| {tuned}, tuned |" in told, f"{name} is {tuned} now: measure predict.md anew"
