@@ -65,9 +65,8 @@ TUNED = {  # by `--tune` and, in two rounds of an earlier version, `--tune --muj
         trunk_height=0.3802, trunk_phase=-0.0469, trunk_pitch=0.0695, trunk_swing=0.2186,
         trunk_x_offset=0.013, pitch_per_step=-0.2545, pitch_per_turn=0.0214, trunk_roll=0.0541),
 }
-# Our choice, on the maps of `python tests/studies/limits.py`: x reaches beyond the edge where falls
-# begin, so does a turn or a sideways step together with a long x. Planar sideways steps cannot
-# fall, so their limit is the 3-D robot's. Feet within these limits do not touch one another.
+# Our choice, on the maps of `python tests/studies/limits.py`. Planar sideways steps cannot fall, so
+# their limit is the 3-D robot's. Feet within these limits do not touch one another.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.10, 0.60)),
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
