@@ -60,6 +60,14 @@ def test_everything_in_studies_is_of_a_study():
     for path in RESULTS.glob("*/studies/*"):
         assert path.stem in book.ORDER, f"{path.name} has no study any more"
 
+def test_the_planner_of_readme_gets_there(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], encoding="utf-8")
+    planner, world = evaluate.OwnPlanner(file), env.FootstepWorld(6, cores=1)
+    ended = evaluate.evaluate(planner, world, evaluate.draw_trials(1, 6))
+    world.close()
+    assert (ended["outcome"] == "success").sum() >= 5, "an example should work"
+
 # ------------------------------------------------------------------------ the table
 @pytest.mark.parametrize("sim", SIMS)
 def test_shipped_numbers_meet_what_we_promise(sim):
