@@ -115,11 +115,12 @@ def plot(tried, sim):
     for rows, name in ((carrots, "baseline_tuned"), (tried, "search")):
         known = [(row["time"], row["fall"]) for row in rows if row["time"] is not None]
         label = f"{name}: {len(known)} settings"
-        axis.plot(*np.transpose(known), ".", color=kept.COLORS[name], label=label, alpha=0.6)
+        axis.plot(*np.transpose(known), "o", ms=6, color=kept.COLORS[name], label=label, alpha=0.5)
     axis.axhline(baseline.MAX_FALLS, color="0.6", lw=1)
     axis.set(xlabel="mean time of the successes [s]", ylabel="share of walks that fell [1]",
-             yscale="symlog", title=f"What it costs to be fast, and blind ({sim})", xlim=(0, 30))
+             title=f"What it costs to be fast, and blind ({sim})", xlim=(0, 30))
     axis.set_yscale("symlog", linthresh=0.01)
+    axis.set_ylim(-0.002, 1)
     axis.grid(alpha=0.3)
     axis.legend()
     return figure
