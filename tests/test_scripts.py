@@ -92,6 +92,7 @@ def main_of(script, monkeypatch, *arguments):
     monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
     return import_module(script.removesuffix(".py")).main()
 
+@pytest.mark.slow
 def test_default_folder_is_runs_and_the_simulator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(import_module("01_robot_model"), "CORES", 1)

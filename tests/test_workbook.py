@@ -155,6 +155,7 @@ def submission(folder, **solutions):
         (folder / name).write_text(text, encoding="utf-8", newline="\n")
     return folder
 
+@pytest.mark.slow
 def test_an_empty_sheet_can_be_graded(tmp_path):
     sheets = tmp_path / "exercises"
     assert run(FOLDER / "sheet.py", "--out", sheets).returncode == 0
