@@ -136,43 +136,13 @@ CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of p
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
-def steps_to_go(moves, task):
-    """How many double steps it takes to the goal, from every pose around it: dynamic programming.
-
-    moves [A, 3]: what a double step does. Returns V [TURNS, 2·HALF + 1, 2·HALF + 1] over the
-    robot's yaw, x and y as seen from the goal:
-
-        V = 0 at the goal,   V(pose) = 1 + min over moves of V(pose after the move)
-
-    repeated until nothing changes. Between the cells V is linear in x, y and yaw. It is the paper's
-    A* for all starts at once, as it begins at the goal.
-    """
-    axis = CELL * np.arange(-HALF, HALF + 1)
-    yaws = TURN * np.arange(TURNS)
-    near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-9
-    goal = near & (np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-9)[:, None, None]
-    value = np.where(goal, 0.0, FAR).astype(np.float32)
-    pad = math.ceil(np.abs(moves[:, :2]).max() * math.sqrt(2) / CELL) + 1  # cells beyond the map
-    while True:
-        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=FAR)
-        best = np.full_like(value, FAR)
-        for k, yaw in enumerate(yaws):
-            for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
-                # Seen from the goal, a move shifts all the poses of one yaw alike.
-                (i, j), (u, v) = np.divmod(move / CELL, 1)  # whole cells, and what is left
-                m, w = divmod(k + turn / TURN, 1)
-                x, y = (slice(int(c) + pad, int(c) + pad + 2 * HALF + 2) for c in (i, j))
-                part = ((1 - w) * border[int(m) % TURNS, x, y]
-                        + w * border[int(m + 1) % TURNS, x, y])
-                part = (1 - u) * part[:-1] + u * part[1:]
-                np.minimum(best[k], (1 - v) * part[:, :-1] + v * part[:, 1:], out=best[k])
-        better = np.where(goal, 0.0, np.minimum(best + 1, FAR)).astype(np.float32)
-        if np.abs(better - value).max() < 0.01:
-            return better
-        value = better
-
 def look_up(value, poses):
-    """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells."""
+    """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells.
+
+    V [TURNS, 2·HALF + 1, 2·HALF + 1], over yaw, x and y: how many double steps are left from there.
+    It is worked out once for all poses, from the goal outwards: `steps_to_go` of
+    tests/studies/search.py.
+    """
     edge = CELL * HALF - 1e-6
     x, y = (np.clip(poses[..., k], -edge, edge) / CELL + HALF for k in (0, 1))
     i, j, k = (np.floor(c).astype(int) for c in (x, y, poses[..., 2] / TURN))
@@ -414,14 +384,12 @@ def table(rows, ratios, paper=PAPER):
     if once:
         text += "\nBy the paper's rule, once at the goal, in two worlds:\n\n" + markdown(
             ("noise", "planner", "source", "success", "timeout", "fall", "time [s]"), *once)
-    mine = [ratio for ratio in ratios if ratio["planner"].startswith("policy")]
+    mine = [(f"{r['goal_std_m']} m" if r["goal_std_m"] else "own", WORDS[r["noise"]], r["planner"],
+             r["reference"], interval.format(r["time_ratio"], *r["time_ratio_ci95"]),
+             str(r["goals"])) for r in ratios if r["planner"].startswith("policy")]
     if mine:
-        text += "\nMean success time relative to another planner, over goals both reached:\n\n"
-    for r in mine:
-        size = f"σ {r['goal_std_m']} m" if r["goal_std_m"] else "own goals"
-        ratio = interval.format(r["time_ratio"], *r["time_ratio_ci95"])
-        text += (f"- {r['planner']} / {r['reference']}, {size}, "
-                 f"{'with' if r['noise'] else 'without'} noise: {ratio}, {r['goals']} goals\n")
+        text += "\nMean success time ÷ that of another planner, over goals both reached:\n\n"
+        text += markdown(("goals σ", "noise", "planner", "÷", "ratio", "common goals"), *mine)
     return text
 
 # ------------------------------------------------------------------------ files
@@ -530,7 +498,7 @@ def draw_walk(axes, walk, ticks=None, color="black", label="torso on the ground"
     axes.grid(alpha=0.3)
 
 def ending(walk):  # in words
-    words = {"success": "reached", "fall": "fell", "timeout": "not reached"}[walk["outcome"]]
+    words = dict(zip(OUTCOMES, ("reached", "not reached", "fell")))[walk["outcome"]]
     return f"{words} after {walk['time']:.1f} s, {len(walk['feet'])} double steps"
 
 def plot_footsteps(columns, path):
@@ -655,10 +623,8 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
         command = "python 04_ppo.py" + " --mujoco" * (sim == "mujoco") + " --imu" * imu
         raise InputError(f"no policy for {sim} yet: train one with `{command}`, or use --policy")
     planners, about = {}, {}
-    for path in (*policies, None, find(sim, "baseline_tuned.json"), find(sim, "search.npz")):
-        if path is None:  # the paper's has no file: after the policies, whoever is missing
-            planners.setdefault("baseline", BaselinePlanner())
-            continue
+    opponents = find(sim, "baseline_tuned.json"), find(sim, "search.npz")
+    for path in filter(None, (*policies, *opponents)):
         try:
             name, planner, facts = load(path, sim)
             planners.setdefault(name, planner)
@@ -667,6 +633,7 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
             if not planners:
                 raise
             print(f"left out: {error}", file=sys.stderr)
+    planners["baseline"] = BaselinePlanner()
     if own:
         planners[own.name], about[own.name] = OwnPlanner(own), {"file": own.as_posix()}
     return planners, about

@@ -21,9 +21,9 @@ from workbook import BOOK, command  # noqa: E402  (beside this script)
 ROOT = Path(__file__).resolve().parents[2]
 
 def find(file):
-    """The path of a module that has exercises: a stage, or one beside this script."""
-    path = ROOT / f"{file}.py"
-    return path if path.is_file() else ROOT / "tests" / "exercises" / f"{file}.py"
+    """The path of a module that has exercises: a stage, one beside this script, or a study."""
+    places = ROOT, ROOT / "tests" / "exercises", ROOT / "tests" / "studies"
+    return next(path for path in (place / f"{file}.py" for place in places) if path.is_file())
 
 def read(path):
     """Its text, with \\n at the ends of lines on every system."""
@@ -111,7 +111,7 @@ def main():
     if unknown:
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     texts, out = sheets(names), args.out.resolve()
-    if out in (ROOT, find("beta").parent):
+    if out in {find(row.file).parent for row in BOOK.values()}:
         refuse(f"{out} holds the solutions; take another folder")
     there = [name for name in texts if (out / name).exists()]
     if there and not args.force:

@@ -8,7 +8,7 @@ from collections import namedtuple
 
 Exercise = namedtuple("Exercise", (
     "name",  # what `--only` and `-k` call it
-    "file",  # its module: a stage, or one in this folder
+    "file",  # its module: a stage, or one in this folder or in ../studies
     "functions",  # what is to be written; a method with its class
     "stars",  # 1: follow the formula … 4: an algorithm
     "minutes",
@@ -17,7 +17,7 @@ Exercise = namedtuple("Exercise", (
 ), defaults=("",))
 
 ROBOT, WALK, ENV, PPO = "01_robot_model", "02_walk_engine", "03_env", "04_ppo"
-EVALUATE = "05_evaluate"
+EVALUATE, SEARCH = "05_evaluate", "search"
 
 BOOK = {row[0]: Exercise(*row) for row in (
     ("wrap", ROBOT, ("wrap",), 1, 10, ("test_robot", "wrap_")),
@@ -51,7 +51,7 @@ BOOK = {row[0]: Exercise(*row) for row in (
      ("test_evaluate", "velocities_become", "planned_footsteps")),
     ("time_ratio", EVALUATE, ("time_ratio",), 2, 45, ("test_evaluate", "time_ratio")),
     ("look_up", EVALUATE, ("look_up",), 2, 45, ("test_evaluate", "look_up")),
-    ("steps_to_go", EVALUATE, ("steps_to_go",), 4, 180, ("test_evaluate", "steps_to_go")),
+    ("steps_to_go", SEARCH, ("steps_to_go",), 4, 180, ("test_evaluate", "steps_to_go")),
     ("beta_log_prob", "beta", ("log_beta_function", "beta_log_prob"), 1, 20,
      ("test_exercises", "beta_density", "beta_log_prob")),
     ("beta_mode", "beta", ("beta_mode",), 1, 15, ("test_exercises", "beta_mode")),

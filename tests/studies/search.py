@@ -10,13 +10,14 @@ figure shows all of them beside all the carrots that the study `baseline` has tr
 """
 
 import json
+import math
 import os
 
 import baseline
 import common
 import kept
 import numpy as np
-from kept import env, evaluate
+from kept import env, evaluate, robot_model
 from tqdm import tqdm
 
 DURATION = {"pymunk": "about 10 minutes on two cores", "mujoco": "about 20 minutes on two cores"}
@@ -47,8 +48,45 @@ def displacements(sim, steps):
     """
     plans = np.repeat(steps[:, None], 6, 1)
     poses, _, fall = evaluate.walk_engine.walk(sim, evaluate.walk_engine.TUNED[sim], plans)
-    moved = common.robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [A, 4, 3]
+    moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [A, 4, 3]
     return moved.mean(1), fall == 6
+
+def steps_to_go(moves, task):
+    """How many double steps it takes to the goal, from every pose around it: dynamic programming.
+
+    moves [A, 3]: what a double step does. Returns V [TURNS, 2·HALF + 1, 2·HALF + 1] over the
+    robot's yaw, x and y as seen from the goal:
+
+        V = 0 at the goal,   V(pose) = 1 + min over moves of V(pose after the move)
+
+    repeated until nothing changes. Between the cells V is linear in x, y and yaw. It is the paper's
+    A* for all starts at once, as it begins at the goal.
+    """
+    cell, turn_cell = evaluate.CELL, evaluate.TURN  # [m], [rad]
+    half, turns, far = evaluate.HALF, evaluate.TURNS, evaluate.FAR
+    axis = cell * np.arange(-half, half + 1)
+    yaws = turn_cell * np.arange(turns)
+    near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-9
+    goal = near & (np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-9)[:, None, None]
+    value = np.where(goal, 0.0, far).astype(np.float32)
+    pad = math.ceil(np.abs(moves[:, :2]).max() * math.sqrt(2) / cell) + 1  # cells beyond the map
+    while True:
+        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=far)
+        best = np.full_like(value, far)
+        for k, yaw in enumerate(yaws):
+            for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
+                # Seen from the goal, a move shifts all the poses of one yaw alike.
+                (i, j), (u, v) = np.divmod(move / cell, 1)  # whole cells, and what is left
+                m, w = divmod(k + turn / turn_cell, 1)
+                x, y = (slice(int(c) + pad, int(c) + pad + 2 * half + 2) for c in (i, j))
+                part = ((1 - w) * border[int(m) % turns, x, y]
+                        + w * border[int(m + 1) % turns, x, y])
+                part = (1 - u) * part[:-1] + u * part[1:]
+                np.minimum(best[k], (1 - v) * part[:, :-1] + v * part[:, 1:], out=best[k])
+        better = np.where(goal, 0.0, np.minimum(best + 1, far)).astype(np.float32)
+        if np.abs(better - value).max() < 0.01:
+            return better
+        value = better
 
 def save(path, sim, factor, change, table):
     """(steps, moves, value) as a small file: the differences of V, in twentieths of a step."""
@@ -67,7 +105,7 @@ def table(sim, factor):
     if not path.is_file():
         steps = double_steps(limits, factor)
         moves, stood = displacements(sim, steps)
-        value = evaluate.steps_to_go(moves[stood], env.Task())
+        value = steps_to_go(moves[stood], env.Task())
         save(path, sim, factor, 1.0, (steps[stood], moves[stood], value))
     with np.load(path) as stored:
         planner = evaluate.load(path, sim)[1]
