@@ -46,7 +46,7 @@ import argparse
 import os
 import re
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -77,10 +77,11 @@ class PPOConfig:
     hidden: tuple = (64, 64)  # neurons per hidden layer [P]
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
     sharpest: float = 4.0  # exploration fades: π^k, k grows linearly from 1 to this [own]
-    reward_scale: float = 1.0  # multiplies the reward the learner sees, not the one logged [own]
+    normalize: bool = False  # observations and rewards; stage 3's have the right size [own]
     checkpoint_every: int = 10  # updates; see `Run.begin_again` [own]
     unsettled: int = 3  # updates after that without time-outs, or with many: not logged [own]
-PENDULUM = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.95, reward_scale=0.1)
+FOREIGN = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, normalize=True)  # --env
+PENDULUM = replace(FOREIGN, gamma=0.95)  # what it does now is seen within 20 steps
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
@@ -104,9 +105,14 @@ class ActorCritic(nn.Module):
     """
     sharpness = 1.0  # k; set by `train`
 
-    def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
+    def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0,
+                 normalize=False):
         super().__init__()
-        self.shape = {"obs_dim": int(obs_dim), "act_dim": int(act_dim), "hidden": list(hidden)}
+        self.shape = {"obs_dim": int(obs_dim), "act_dim": int(act_dim), "hidden": list(hidden),
+                      "normalize": normalize}
+        if normalize:  # running mean and variance of observations, and of sums of rewards
+            self.seen, self.paid = (nn.BatchNorm1d(size, affine=False, momentum=None).eval()
+                                    for size in (obs_dim, 1))
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
         # With small last weights the first policy hardly depends on the observation: the bias alone
@@ -116,13 +122,19 @@ class ActorCritic(nn.Module):
         wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)  # first all α, then all β
         self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))  # softplus⁻¹
 
+    def scaled(self, obs):
+        """Observations [..., obs] with mean 0 and variance 1, if it normalises."""
+        if not self.shape["normalize"]:
+            return obs
+        return self.seen(obs.reshape(-1, obs.shape[-1])).clamp(-10, 10).reshape(obs.shape)
+
     def value(self, obs):
         """The critic's V(s): [..., obs] -> [...]."""
-        return self.critic(obs).squeeze(-1)
+        return self.critic(self.scaled(obs)).squeeze(-1)
 
     def policy(self, obs):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
-        raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow; a mode
+        raw = nn.functional.softplus(self.actor(self.scaled(obs))).clamp(1e-6, 1e3)  # no overflow
         alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
         return torch.distributions.Independent(  # the log-probability of an action is a sum
             torch.distributions.Beta(alpha, beta, validate_args=False), 1, validate_args=False)
@@ -193,8 +205,10 @@ def clipped_objective(ratio, advantage, clip):
 def judge(model, data, cfg):
     """(2) Advantage, the critic's target, log π_old, each [B], B = T·N; data: tensors [T, N, …]."""
     with torch.no_grad():
-        values = model.value(data["obs"])  # [T, N]
-        advantages = gae(data["reward"] * cfg.reward_scale, values, model.value(data["next_obs"]),
+        values, rewards = model.value(data["obs"]), data["reward"]  # [T, N]
+        if cfg.normalize:
+            rewards = rewards / (model.paid.running_var + 1e-8).sqrt()
+        advantages = gae(rewards, values, model.value(data["next_obs"]),
                          data["terminated"], data["truncated"], cfg.gamma, cfg.lam)
         # The critic should say G_t. Our best estimate of it: V(s_t) + A_t
         targets = values + advantages
@@ -231,6 +245,14 @@ def improve(model, optimizer, data, cfg):
         return {**before, "clip_fraction": outside.mean().item(),
                 "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
                 "value_loss": ((model.value(obs) - targets) ** 2).mean().item()}
+
+def learn_scales(model, data, cfg):
+    """Mean and variance of the observations and of Σ γᵏ·r, for the next rollout."""
+    none, ends = torch.zeros_like(data["reward"]), (data["terminated"], data["truncated"])
+    paid = gae(data["reward"], none, none, *ends, cfg.gamma, 1.0)  # [T, N]
+    for norm, rows in ((model.seen, data["obs"].flatten(0, 1)), (model.paid, paid.reshape(-1, 1))):
+        norm.train()(rows)
+        norm.eval()  # and then they stay as they are
 
 def episode_means(infos):
     """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
@@ -291,7 +313,8 @@ def load_policy(path):
     try:
         weights = stored.pop("state_dict")
         meta = dict(stored, fits=dict(stored["fits"]))
-        model = ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"])
+        model = ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"],
+                            normalize=stored.get("normalize", False))
         model.load_state_dict(weights)
         if not all(torch.isfinite(tensor).all() for tensor in weights.values()):
             raise ValueError("not finite")
@@ -315,7 +338,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
     model = make_model(envs.single_observation_space.shape[0], envs.single_action_space.shape[0],
                        cfg.hidden, getattr(envs.unwrapped, "neutral_action", 0.5),  # of stage 3
-                       cfg.first_concentration)
+                       cfg.first_concentration, cfg.normalize)
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [8]
     if run.checkpoint:
         model.load_state_dict(run.checkpoint["model"])
@@ -331,6 +354,8 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
             model.sharpness = 1.0 + (cfg.sharpest - 1.0) * update / updates
             data, obs, infos = collect(model, envs, obs, cfg.rollout, bar)
             watched = improve(model, optimizer, data, cfg)
+            if cfg.normalize:
+                learn_scales(model, data, cfg)
             settled = update % cfg.checkpoint_every >= cfg.unsettled
             watched |= {**episode_means(infos if settled else []), "learning_rate": learning_rate}
             run.log((update + 1) * cfg.num_envs * cfg.rollout, watched, bar)
@@ -446,7 +471,8 @@ def parse(argv):
         try:
             args.make_envs(1).close()
         except Exception as error:  # a foreign environment may raise anything
-            parser.error(" ".join(f"{args.env} needs a row of bounded actions: {error}".split()))
+            reason = f"{args.env} needs its packages and a row of bounded actions: {error}"
+            parser.error(" ".join(reason.split()))
     else:
         args.fits = env.fingerprint(args.sim, args.imu)
         args.make_envs = lambda n: env.FootstepVectorEnv(n, args.sim, args.noise, args.imu)
@@ -456,7 +482,7 @@ def parse(argv):
 
 def main(argv=None):
     parser, args = parse(argv)
-    out, cfg = args.out, PENDULUM if args.env == "Pendulum-v1" else PPOConfig()
+    out, cfg = args.out, {None: PPOConfig(), "Pendulum-v1": PENDULUM}.get(args.env, FOREIGN)
     print(f"training on {args.task}: {args.steps:,} steps, seed {args.seed}, into {out}")
     try:
         _, rows = train(cfg, args.make_envs, out, args.steps, args.seed, resume=args.resume,

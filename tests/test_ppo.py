@@ -276,10 +276,39 @@ def test_action_depends_on_the_observation(tmp_path):
         model.decide(np.array([[0.0], [1.0]]))[:, 0], [0.25, 0.75], atol=0.08, err_msg=(
             "do observation, action and advantage still belong together after shuffling?"))
 
-def test_reward_scale_reaches_the_learner_and_not_the_log(tmp_path):
-    model, rows = learn(zero, constant, tmp_path, cfg=replace(SMALL, reward_scale=0.1))
-    assert value(model, 0) == pytest.approx(0.1, abs=0.02), "V of the scaled reward is 0.1"
-    assert rows[-1]["return"] == pytest.approx(1.0), "the log tells the return as it was earned"
+def test_a_normalized_world_may_have_numbers_of_any_size(tmp_path):
+    def first(rng, n):
+        return 1000 + 10 * either(rng, n)
+
+    def play(obs, action):  # best action 0.25 at observation 1000, and 0.75 at 1010
+        yes = np.ones(len(obs), bool)
+        reward = -1e4 * (action[:, 0] - (0.25 + 0.05 * (obs[:, 0] - 1000))) ** 2
+        return obs, reward, yes, ~yes
+
+    model, rows = learn(first, play, tmp_path, cfg=replace(SMALL, normalize=True))
+    seen = np.array([[1000.0], [1010.0]])
+    wanted = [0.25, 0.75]
+    np.testing.assert_allclose(model.decide(seen)[:, 0], wanted, atol=0.08, err_msg=(
+        "tanh of 1000 tells nothing: the networks should see mean 0 and variance 1"))
+    assert rows[3]["return"] < -30, "the log tells the return as it was earned"
+    assert abs(value(model, 1000)) < 5, "the critic learns scaled rewards"
+    assert model.seen.running_mean.item() == pytest.approx(1005, abs=1)
+    assert model.seen.running_var.item() == pytest.approx(25, rel=0.1)
+    again, _ = ppo.load_policy(tmp_path / "policy.pt")
+    assert same(model, again), "mean and variance belong into the file"
+    again.decide(np.array([[5.0]]))
+    assert same(model, again), "and stay as they are when it is judged"
+
+def test_the_size_of_returns_is_that_of_discounted_sums(tmp_path):
+    """Three rewards of ±1, then a fall: Σ γᵏ·r is ±1.75, ±1.5 and ±1 with γ = 0.5."""
+    model = ppo.ActorCritic(1, 1, normalize=True)
+    signs = torch.tensor([1.0, -1.0]).repeat(3, 1)  # [T, N]
+    fall, never = torch.zeros(3, 2, dtype=torch.bool), torch.zeros(3, 2, dtype=torch.bool)
+    fall[-1] = True
+    data = {"reward": signs, "obs": torch.zeros(3, 2, 1), "terminated": fall, "truncated": never}
+    ppo.learn_scales(model, data, replace(SMALL, gamma=0.5, normalize=True))
+    sums = torch.tensor([1.75, 1.5, 1.0, -1.75, -1.5, -1.0])
+    assert model.paid.running_var.item() == pytest.approx(sums.var().item(), rel=1e-4)
 
 def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
     def play(obs, action):
@@ -604,8 +633,9 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     cfg = replace(SMALL, hidden=(8,), first_concentration=12.0)
     model, _ = ppo.train(cfg, neutral, tmp_path, 256, progress=False, make_model=Mine)
     assert type(model) is Mine
-    assert made == [(1, 1, (8,), np.array([0.3]), 12.0)], (
-        "observation, action, hidden layers, the environment's neutral action, concentration")
+    assert made == [(1, 1, (8,), np.array([0.3]), 12.0, False)], (
+        "observation, action, hidden layers, the environment's neutral action, concentration, "
+        "normalize")
     ppo.train(cfg, lambda n: Probe(n, zero, constant), tmp_path, 256, progress=False,
               make_model=Mine)
     assert made[1][3] == 0.5, "an environment without a neutral action: the middle"
@@ -635,7 +665,8 @@ WORLDS = {"probe": wandering, "pendulum": pendulum,
 @pytest.mark.parametrize("world", WORLDS)
 def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     def run(folder, resume=False):
-        return ppo.train(QUICK, WORLDS[world], folder, 5 * 64, seed=3, resume=resume,
+        cfg = replace(QUICK, normalize=world == "pendulum")
+        return ppo.train(cfg, WORLDS[world], folder, 5 * 64, seed=3, resume=resume,
                          progress=False)
 
     model, rows = run(tmp_path / "whole")

@@ -37,7 +37,7 @@ class GaussianActor(ppo.ActorCritic):
     The environment gets the clipped action; the log-probability is that of the unclipped one.
     """
 
-    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
+    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration, normalize=False):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
         first = ppo.torch.as_tensor(first_action, dtype=ppo.torch.float32).expand(act_dim)
