@@ -182,7 +182,8 @@ def rotation(roll, pitch, yaw):
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
 
-    Returns points [..., 5, 3]: hip, knee, ankle, heel, toe [m]; and the foot's rotation [..., 3, 3]
+    Returns points [..., 5, 3]: hip, knee, ankle, heel, toe [m], the last two straight behind and
+    ahead of the ankle at the height of the sole; and the foot's rotation [..., 3, 3]
     = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)
@@ -206,8 +207,8 @@ def leg_inverse(robot, position, foot_turn):
 
          o hip       Two sides of a triangle are the thigh and the shin, the third is r, from the
           \\          ankle to the hip. Its length gives the knee. The leg is flat, so only the
-           o knee    ankle's roll can bring r into the leg's plane; there the ankle's pitch turns
-          /          it along the triangle. What is left of the foot's rotation is the hip's.
+           o knee    ankle's roll can bring r into the leg's plane; there the ankle's pitch makes
+          /          it a side of the triangle. What is left of the foot's rotation is the hip's.
          o__ ankle
     """
     thigh, shin = robot.thigh_length, robot.shin_length

@@ -171,6 +171,9 @@ class WalkEngine:
         between where it should be before and after, moves with the mean velocity, without
         acceleration, and is shifted towards the support foot.
         """
+        # aside = trunk_swing · y of the support foot, seen from the middle
+        # lean  = trunk_pitch + pitch_per_step · forward + pitch_per_turn · |turn|,   forward, turn:
+        #         what the middle of the feet does, seen in the yaw that it has half way
         p = self.parameters
         before, after = (support + start) / 2, (support + landing) / 2  # middle of the feet
         centre = (before + after) / 2
@@ -282,7 +285,11 @@ def random_plans(rng, limits, count):
     return within(rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3)), limits)
 
 def highest_speed(poses, fall, period):
-    """Speed [m/s or rad/s] by direction: the fastest level below the first one that fell."""
+    """Speeds {direction: [m/s or rad/s]}: the fastest level below the first one that fell.
+
+    Rows of poses and fall as in `speed_plans`.
+    """
+    # speed = |way along the direction's axis| / (double steps that go, Σ PATTERN · period)
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)

@@ -81,7 +81,7 @@ IMU_TABLE = (
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
-PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # of an episode's own random numbers
+PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # each with its own dice
 ENDS = ("success", "fall", "timeout", "time")  # what an environment tells of an ended episode
 
 def observation_table(imu=False):
@@ -141,15 +141,17 @@ def to_action(footsteps, limits):
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
-    """The seven scaled terms by name, each [n]; their sum is the reward.
+    """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
+    the reward. What a fall, a double step and a change of the steps cost counts negative.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
     [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress: each is Φ′ − Φ
     of some quantity Φ. Added up without a discount, only the ends are left,
         Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start,   so a circle pays nothing; with a discount γ < 1,
         Σ γᵗ·(Φ_{t+1} − Φ_t) = γᴷ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},   t = 0 … K − 1:
-    as Φ is negative away from the goal (−d), every double step spent there costs (1 − γ)·|Φ|. Look
-    up: potential-based shaping (Ng, Harada, Russell, 1999); theirs, γ·Φ′ − Φ, has no such cost.
+    so the way counts, too: what is gained early weighs more than what is given back late. Look up:
+    potential-based shaping (Ng, Harada, Russell, 1999); theirs, γ·Φ′ − Φ, does not change which
+    policy is best.
     """
     d0, alpha0, beta0 = polar(before)
     d1, alpha1, beta1 = polar(after)
@@ -161,7 +163,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
         "r_a": task.s_a * (np.abs(alpha0) * near0 - np.abs(alpha1) * near1),
         # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
         "r_o": task.s_o * (np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)),
-        # r_c = −Σ (footstep length − last footstep length)², in shares of the limits, x and y
+        # r_c = −Σ (action − last action)² over x and y of both feet, in shares of the limits
         "r_c": task.s_c * -((action - last_action)[:, [0, 1, 3, 4]] ** 2).sum(-1),
         "r_fall": -task.s_fall * fall, "r_goal": task.s_goal * success,
         "r_time": np.full(len(d0), -task.s_time)}
@@ -309,7 +311,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished one starts anew in the SAME step:
     `step` returns the first observation of the new episode, and the last one of the old episode in
     `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
-    estimated ("bootstrapped") from there. If one has ended: infos["_final_obs"][i] says, robot i's?
+    estimated ("bootstrapped") from there. infos["_final_obs"][i] says whether robot i's has ended.
     (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}

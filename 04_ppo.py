@@ -217,7 +217,11 @@ def judge(model, data, cfg):
     return advantages.flatten(), targets.flatten(), old_log_prob.flatten()
 
 def improve(model, optimizer, data, cfg):
-    """(3) Take gradient steps on a rollout (tensors [T, N, …]); returns numbers to watch."""
+    """(3) Take gradient steps on a rollout (tensors [T, N, …]); returns numbers to watch.
+
+    Before the first step: entropy, explained_variance; after the last one: clip_fraction,
+    approx_kl, value_loss; all of them on all samples.
+    """
     advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
     with torch.no_grad():

@@ -96,7 +96,10 @@ def velocity_command(goal, settings):
     return np.stack([v * cos, v * sin, omega], -1)  # [n, 3]
 
 def low_pass(velocity, command, seconds, time_constant):
-    """The filter τ·dv/dt = v_cmd − v after holding a command for some seconds, solved exactly."""
+    """The filter τ·dv/dt = v_cmd − v after holding a command for some seconds, solved exactly.
+
+    With τ = 0 the command itself.
+    """
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
