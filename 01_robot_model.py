@@ -44,7 +44,7 @@ import pymunk.batch
 
 plt.switch_backend("Agg")  # figures are drawn into files, without a screen
 LEFT, RIGHT = 0, 1
-COLORS = ("tab:green", "tab:red")  # of the left and of the right foot in every figure
+COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -748,7 +748,8 @@ def main():
         draw_robot(axis, robot, motion.torso[i, tick], motion.joints[i, tick], (k + 1) / 8)
     axis.axhline(0, color="0.5", lw=1)
     axis.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.05, 0.8),
-             title=f"The last second before a fall: leaning by {leans[i]:.2f} rad at the ankles")
+             title=f"The last second before a fall, leaning by {leans[i]:.2f} rad at the ankles\n"
+             "(left leg blue, right leg orange, eight moments)")
     figure.savefig(out / "01_robot.png", dpi=110)
     print("Look at", out / "01_robot.png")
 

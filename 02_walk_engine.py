@@ -446,10 +446,10 @@ def main():
             axis.plot(time, feet[0, :, foot, k], color=robot_model.COLORS[foot], label=name)
         if k < 2:
             axis.plot(time, trajectory.trunk[0, :, k], "k", label="trunk")
-        axis.axvline(engine.half, color="0.7", lw=1)  # the support foot changes
+        axis.axvline(engine.half, color="0.7", lw=1, label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    axes[0].legend()
-    figure.suptitle("One double step: the left foot swings, then the right")
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.suptitle("A double step amid a walk: the left foot swings, then the right")
     figure.savefig(out / "02_plan.png", dpi=110)
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
@@ -467,7 +467,7 @@ def main():
         line, = axis.plot(*walked[:, :2].T, ".-", label=name)
         axis.plot(*asked[:, :2].T, "x", color=line.get_color())
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal",
-             title=f"Eight double steps ({args.sim}): torso measured after each, x: commanded")
+             title=f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
     axis.legend()
     axis.grid(alpha=0.3)
     figure.savefig(out / "02_walk.png", dpi=110)

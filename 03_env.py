@@ -434,8 +434,9 @@ def main():
         print(f"{planner:13s}: {ends['success']} episodes at the goal, {ends['fall']} falls")
     envs.close()
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
-    for name in terms[0]:  # of the hand-written planner
-        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), label=name)
+    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
+    for name, word in zip(terms[0], words):  # of the hand-written planner
+        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), label=f"{name}: {word}")
     axis.set(title=f"Robot 0 with the hand-written planner, several episodes ({args.sim})",
              xlabel="double step", ylabel="sum of rewards so far [1]")
     axis.legend(ncols=2)

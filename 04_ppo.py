@@ -435,9 +435,11 @@ def plot_learning_curve(rows, path, title):
     for axes, (name, unit, columns) in zip(grid.flat, PANELS):
         for column in columns:  # nan where nothing was reported
             axes.plot(steps, [row[column] for row in rows], ".-", lw=0.5, label=column)
-        axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]")
+        axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]",
+                 xscale="log")  # most of it is learned at the beginning
         axes.grid(alpha=0.3)
-        axes.legend()
+        if len(columns) > 1:
+            axes.legend()
     grid[1, 2].set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
     figure.suptitle(title)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))

@@ -38,6 +38,7 @@ import os
 import runpy
 import sys
 import threading
+import traceback
 from concurrent import futures
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -211,9 +212,13 @@ class OwnPlanner:
 
         threading.Thread(target=think, daemon=True).start()
         futures.wait([answer], PATIENCE)
-        problem = answer.exception() if answer.done() else f"no answer in {PATIENCE} s"
-        if problem:
-            raise InputError(" ".join(f"{self.path}: {problem!r}".split()))
+        if not answer.done():
+            raise InputError(f"{self.path}: no answer in {PATIENCE} s")
+        if error := answer.exception():
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno for frame in frames if frame.filename == str(self.path)]
+            where = f"{self.path}, line {lines[-1]}" if lines else self.path
+            raise InputError(" ".join(f"{where}: {error!r}".split()))
         return answer.result()
 
     def reset(self, num_robots):
@@ -389,7 +394,8 @@ def table(rows, ratios, paper=PAPER):
             ("noise", "planner", "source", "success", "timeout", "fall", "time [s]"), *once)
     mine = [(f"{r['goal_std_m']} m" if r["goal_std_m"] else "own", WORDS[r["noise"]], r["planner"],
              r["reference"], interval.format(r["time_ratio"], *r["time_ratio_ci95"]),
-             str(r["goals"])) for r in ratios if r["planner"].startswith("policy")]
+             str(r["goals"])) for r in ratios
+            if r["planner"].startswith("policy") or r["planner"] == rows[0]["planner"]]
     if mine:
         text += "\nMean success time ÷ that of another planner, over goals both reached:\n\n"
         text += markdown(("goals σ", "noise", "planner", "÷", "ratio", "common goals"), *mine)
@@ -485,24 +491,25 @@ def arrows(axes, poses, color, length=0.08, width=0.012, **kw):
     axes.quiver(x, y, np.cos(yaw), np.sin(yaw), color=color, angles="xy", units="xy", width=width,
                 scale_units="xy", scale=1 / length, headwidth=3.5, headlength=3.5, **kw)
 
-def draw_walk(axes, walk, ticks=None, color="black", label="torso on the ground"):
+def draw_walk(axes, walk, ticks=None, color="black", alpha=1.0):
     """Seen from above: the first `ticks` control ticks of a recorded walk (default: all)."""
     ticks, goal = ticks or len(walk["torso"]), walk["goal"]
     steps = ticks * len(walk["feet"]) // len(walk["torso"])  # whole double steps
-    axes.add_patch(plt.Circle(goal[:2], env.Task().success_m, color="tab:blue", alpha=0.3, lw=0))
+    axes.add_patch(plt.Circle(goal[:2], env.Task().success_m, color="tab:green", alpha=0.3, lw=0))
     for pose, marker, name in ((np.zeros(3), "o", "start"), (goal, "*", "goal, circle: 5 cm")):
-        axes.plot(*pose[:2], marker, color="tab:blue", markersize=8, zorder=5, label=name)
-        arrows(axes, [pose], "tab:blue", 0.2, 0.022, zorder=5)
+        axes.plot(*pose[:2], marker, color="tab:green", markersize=8, zorder=5, label=name)
+        arrows(axes, [pose], "tab:green", 0.2, 0.022, zorder=5)
     for side, name in enumerate(("left foot", "right foot") if steps else ()):
-        arrows(axes, walk["feet"][:steps, side], robot_model.COLORS[side], zorder=3, label=name)
+        arrows(axes, walk["feet"][:steps, side], robot_model.COLORS[side], zorder=3, label=name,
+               alpha=alpha)
     path = np.vstack([[0, 0], walk["torso"][:ticks, :2]])
-    axes.plot(*path.T, color=color, lw=1, zorder=4, label=label)
+    axes.plot(*path.T, color=color, lw=1, zorder=4, label="torso on the ground")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.3)
 
 def ending(walk):  # in words
     words = dict(zip(OUTCOMES, ("reached", "not reached", "fell")))[walk["outcome"]]
-    return f"{words} after {walk['time']:.1f} s, {len(walk['feet'])} double steps"
+    return f"{words} after {walk['time']:.1f} s"
 
 def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
@@ -538,17 +545,19 @@ def plot_race(walks, path, robot, every=20):
         for tick in (*range(0, last, every), *[last] * 15):  # the end stays a while
             side.clear()
             top.clear()
-            now, clocks = min(tick, len(way) - 1), []
+            now = min(tick, len(way) - 1)
             robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
             side.axhline(0, color="black", lw=1)
             side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
                      xlabel="way walked [m]", ylabel="z [m]", title=f"{name}, from the side")
-            for color, (key, walk) in zip(("black", "tab:orange"), walks.items()):
-                draw_walk(top, walk, min(tick + 1, len(walk["torso"])), color, key)
+            for k, (key, walk) in enumerate(walks.items()):
+                color = ("black", "tab:purple")[k]
+                draw_walk(top, walk, min(tick + 1, len(walk["torso"])), color, (1.0, 0.4)[k])
                 clock = f"{(tick + 1) * robot.control_dt:.1f} s"
-                clocks.append(f"{key}: {clock if tick + 1 < len(walk['torso']) else ending(walk)}")
-            top.set(xlim=(-1.3, 0.4), ylim=(-0.4, 1.0))
-            top.set_title("\n".join(clocks), fontsize=10, loc="left")
+                clock = clock if tick + 1 < len(walk["torso"]) else ending(walk)
+                top.text(0.02, 0.95 - 0.06 * k, f"{key}: {clock}", color=color,
+                         transform=top.transAxes)
+            top.set(xlim=(-1.3, 0.4), ylim=(-0.4, 1.0), title="from above")
             writer.grab_frame()
     os.replace(temporary, path)
     plt.close(figure)
@@ -617,7 +626,7 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
     """Planners by row name, the one for the figures first, and what evaluation.json says of them.
 
     The first policy, the one that the user named (chosen) or asked for (imu), must fit the world;
-    the other ones join if they do. own: the file of a planner.
+    the other ones join if they do. own: the file of a planner, which then comes first of all.
     """
     policies = [chosen or find(sim, "policy.pt"), find(sim, "imu/policy.pt")]
     if imu:
@@ -638,13 +647,15 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
             print(f"left out: {error}", file=sys.stderr)
     planners["baseline"] = BaselinePlanner()
     if own:
-        planners[own.name], about[own.name] = OwnPlanner(own), {"file": own.as_posix()}
+        planners = {own.name: OwnPlanner(own), **planners}
+        about[own.name] = {"file": own.as_posix()}
     return planners, about
 
 def run(world, blocks, planners, about, args, out):
     """Every planner in every block of Trials, with --noise once more; then the files."""
     print(*(f"{name}: {facts}" for name, facts in about.items()), sep="\n")
     results, first = {}, next(iter(planners))
+    policy = next(name for name in planners if name.startswith("policy"))
     jobs = [*itertools.product(blocks, (False, True)[: 1 + args.noise], planners)]
     for std, noise, name in (bar := tqdm(jobs, unit=" rows", dynamic_ncols=True)):
         bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
@@ -653,7 +664,7 @@ def run(world, blocks, planners, about, args, out):
     ratios = compare(results)
     text = table(rows, ratios)
     print("\n" + text)  # first of all: writing may fail
-    content = {"sim": args.sim, "policy": about[first], "planners": about, "seed": args.seed,
+    content = {"sim": args.sim, "policy": about[policy], "planners": about, "seed": args.seed,
                "goals": args.goals or "drawn", "rows": rows, "ratios": ratios,
                "friction": "drawn" if np.isnan(args.friction) else args.friction}
     content = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)  # no NaN in JSON
@@ -705,7 +716,7 @@ def main(argv=None):
         world = env.FootstepWorld(1 if args.play else count, args.sim)
         with contextlib.closing(world):
             if args.play:
-                play(world, [*planners.values()][-1 if args.planner else 0])
+                play(world, next(iter(planners.values())))
             else:
                 run(world, blocks, planners, about, args, out)
     except (InputError, OSError) as error:

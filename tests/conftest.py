@@ -1,5 +1,5 @@
 """Lets the tests import the stages: import_module("04_ppo"). With `--stages FOLDER` it grades the
-exercises in that folder; a file that it lacks is taken from the repository:
+exercises in that folder; an exercise whose file it lacks is "not handed in":
 
     python -m pytest tests --stages exercises              all of exercises/workbook.py
     python -m pytest tests --stages exercises -k gae       this one; or -k "gae or quintic"
@@ -9,6 +9,8 @@ another folder: the path to it), for that is how pytest finds the option before 
 """
 
 import _thread
+import ast
+import contextlib
 import os
 import re
 import sys
@@ -22,9 +24,10 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 sys.path.append(str(ROOT / "tests" / "exercises"))
 
-from workbook import BOOK, graded_by  # noqa: E402  (in tests/exercises)
+import sheet  # noqa: E402  (in tests/exercises)
+from workbook import BOOK, graded_by  # noqa: E402
 
-PATIENCE = 60  # [s] for a test of an exercise
+PATIENCE = 60  # [s] for the first test that does not end; the next ones get a sixth of it
 
 def pytest_addoption(parser):
     parser.addoption("--stages", metavar="FOLDER", help="grade the exercises in this folder")
@@ -52,6 +55,9 @@ class Grading:
         if words and set(words) <= {"or", *BOOK}:  # names of exercises, not of tests
             self.chosen = [name for name in BOOK if name in words]
             config.option.keyword = ""
+        self.absent = [name for name in self.chosen
+                       if not (folder / f"{BOOK[name].file}.py").is_file()]
+        self.endless = False
         self.passed = {name: [] for name in self.chosen}  # a bool for every test
         self.hints = {name: [] for name in self.chosen}  # what failing tests say
         self.tests = {}  # exercises by the test's node id
@@ -66,42 +72,58 @@ class Grading:
         return f"grading {self.folder}: {', '.join(here)}"
 
     def pytest_ignore_collect(self, collection_path):
-        graders = {BOOK[name].tests[0] for name in self.chosen}
+        graders = {BOOK[name].tests[0] for name in self.chosen if name not in self.absent}
         return collection_path.suffix == ".py" and collection_path.stem not in graders or None
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config, items):
         for item in items:
-            self.tests[item.nodeid] = [name for name in self.chosen if graded_by(
-                BOOK[name], item.path.stem, item.originalname)]
+            self.tests[item.nodeid] = [
+                name for name in self.chosen if name not in self.absent
+                and graded_by(BOOK[name], item.path.stem, item.originalname)]
         others = [item for item in items if not self.tests[item.nodeid]]
         if others:
             config.hook.pytest_deselected(items=others)
             items[:] = [item for item in items if self.tests[item.nodeid]]
 
-    @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_protocol(self, item):
+    @contextlib.contextmanager
+    def _patience(self):
         """An endless loop must not stop a teacher's loop over thirty submissions."""
+        seconds, stopped = PATIENCE / 6 if self.endless else PATIENCE, []
+
         def stop():
-            item.stopped = True
+            stopped.append(True)
             _thread.interrupt_main()
 
-        late, item.stopped = threading.Timer(PATIENCE, stop), False
+        late = threading.Timer(seconds, stop)
         late.daemon = True
         late.start()
         try:
-            return (yield)
+            yield
+        except KeyboardInterrupt:
+            if not stopped:
+                raise
+            self.endless = True
+            words = f"takes longer than {seconds:.0f} s: a loop that never ends?"
+            raise TimeoutError(words) from None
         finally:
             late.cancel()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item):
         try:
-            return (yield)
-        except KeyboardInterrupt:
-            if item.stopped:
-                pytest.fail(f"takes longer than {PATIENCE} s: a loop that never ends?")
-            raise
+            with self._patience():
+                return (yield)
+        except TimeoutError as error:
+            pytest.fail(str(error))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_make_collect_report(self, collector):
+        try:
+            with self._patience():
+                return (yield)
+        except TimeoutError as error:  # at the import of a file
+            return pytest.CollectReport(collector.nodeid, "failed", str(error), [])
 
     def pytest_runtest_logreport(self, report):
         if report.when == "call" or report.failed:
@@ -122,31 +144,51 @@ class Grading:
         if text not in self.hints[name]:
             self.hints[name].append(text)
 
+    def _copied(self, name):
+        """Is it word for word (but for comments) what stands in the repository?"""
+        row, bodies = BOOK[name], []
+        for path in (self.folder / f"{row.file}.py", sheet.find(row.file)):
+            try:
+                tree = ast.parse(sheet.read(path))
+                bodies.append([ast.dump(sheet.function_in(tree, part)) for part in row.functions])
+            except (SyntaxError, UnicodeError, LookupError):
+                return False
+        return bodies[0] == bodies[1]
+
     @pytest.hookimpl(trylast=True)
     def pytest_terminal_summary(self, terminalreporter):
-        write = terminalreporter.write_line
-        terminalreporter.section("what to mend")
+        write, stars, solved, copied = terminalreporter.write_line, 0, 0, 0
+        terminalreporter.section(f"what to mend in {self.folder.name}")
         for name, passed in self.passed.items():
-            stars = "★" * BOOK[name].stars
-            if not passed:
-                write(f"{name} {stars}: not graded, its tests were not run")
+            head, file = f"{name} {BOOK[name].stars * '★'}", f"{BOOK[name].file}.py"
+            if name in self.absent:
+                write(f"{head}: not handed in, there is no {file}")
+            elif not passed:
+                write(f"{head}: not graded, its tests were not run")
             elif all(passed):
-                write(f"{name} {stars}: solved, {len(passed)} of {len(passed)} tests pass", green=1)
+                same = self._copied(name)
+                stars, solved, copied = stars + BOOK[name].stars, solved + 1, copied + same
+                write(f"{head}: solved, {len(passed)} of {len(passed)} tests pass"
+                      + ", word for word as in the repository" * same, green=1)
             else:
-                write(f"{name} {stars}: {sum(passed)} of {len(passed)} tests pass", red=1)
+                write(f"{head}: {sum(passed)} of {len(passed)} tests pass", red=1)
                 for text in self.hints[name][:4]:
                     write(f"  - {text}")
                 write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
-        if len(self.passed) > 1:
-            solved = sum(bool(passed) and all(passed) for passed in self.passed.values())
-            write(f"{solved} of {len(self.passed)} exercises solved")
+        total = sum(BOOK[name].stars for name in self.passed)
+        write(f"{self.folder.name}: {solved} of {len(self.passed)} exercises solved, {stars} of "
+              f"{total} stars" + f"; {copied} word for word as in the repository" * bool(copied))
 
 def hint(report):
     """What a failing test has to say, in a few words: its author's message, if there is one."""
     crash = getattr(report.longrepr, "reprcrash", None)
     if crash is None:  # a file that cannot be imported: the last line says why
-        lines = [line for line in str(report.longrepr).splitlines() if line.strip()]
-        return re.sub(r"^E\s*", "", lines[-1])
+        text = str(report.longrepr)
+        lines = [line for line in text.splitlines() if line.strip()]
+        # The last place that is named: "name.py", line 7 of a SyntaxError, or name.py:7
+        places = re.findall(r'([\w.]+\.py)(?:", line |:)(\d+)', text)
+        where = "{}, line {}: ".format(*places[-1]) if places else ""
+        return where + re.sub(r"^E\s*", "", lines[-1])
     text = crash.message.removeprefix("AssertionError").removeprefix(":").strip()
     text = re.sub(r"^NotImplementedError: exercise: (\w+)", r"\1 is not written yet", text)
     # numpy's comparisons: the message stands between a head and the numbers.

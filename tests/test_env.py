@@ -185,6 +185,13 @@ def test_goal_is_encoded_as_in_the_table():
     far = env.encode_goal(np.array([4.0, -3.0, math.pi * 1.5]))
     assert far[0] == 3.0 and far[1] == 1.0 and far[2] == -1.0, "clipped: 3 m and ±1"
     assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
+    for x, y, yaw in np.random.default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (14, 3)):
+        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
+        want = [min(d, 3), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
+                math.cos(yaw), math.sin(yaw), alpha / math.pi]
+        got = env.encode_goal(np.array([x, y, yaw]))
+        np.testing.assert_allclose(got, want, atol=1e-9, err_msg=(
+            "y to the left and α counter-clockwise are positive"))
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
 def test_many_goals_are_encoded_each_by_itself(shape):
@@ -192,13 +199,8 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     encoded = env.encode_goal(goals)
     assert encoded.shape == (*shape, 8), "goals [..., 3] -> [..., 8]: write x as goal[..., 0]"
     for i in np.ndindex(shape):
-        x, y, yaw = goals[i]
-        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
-        want = [min(d, 3), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
-                math.cos(yaw), math.sin(yaw), alpha / math.pi]
-        np.testing.assert_allclose(encoded[i], want, atol=1e-9, err_msg=(
-            f"goal {i} of a batch: y to the left and α counter-clockwise are positive, and no goal "
-            "may depend on another one"))
+        np.testing.assert_allclose(encoded[i], env.encode_goal(goals[i]), atol=1e-9, err_msg=(
+            f"goal {i} of a batch is another one than alone: no goal may depend on another one"))
 
 @BOTH
 @pytest.mark.parametrize("imu", [False, True], ids=["plain", "imu"])
@@ -241,16 +243,26 @@ def load(footstep, limits):
     return sum(v / high if v > 0 else v / low
                for v, low, high in zip(footstep, limits.low, limits.high))
 
+SHARES = ("0 is low, 1 is high, 0.5 their middle, for both feet, outward positive; first the left "
+          "foot's x, y, yaw, then the right foot's")
+
 @BOTH
 def test_actions_and_footsteps_are_inverse(sim):
     limits, rng = walk_engine.LIMITS[sim], np.random.default_rng(2)
+    low, high = np.tile(limits.low, 2), np.tile(limits.high, 2)  # [6]
+    for k, share in itertools.product(range(6), (0.0, 0.5, 1.0)):  # and all the rest is zero steps
+        shares, want = -low / (high - low), np.zeros(6)
+        shares[k], want[k] = share, low[k] + share * (high[k] - low[k])
+        got = np.ravel(env.to_footsteps(shares, limits))
+        np.testing.assert_allclose(got, want, atol=1e-12, err_msg=SHARES)
     drawn = rng.uniform(limits.low, limits.high, (2000, 2, 3))
     allowed = np.array([f for f in drawn if max(load(foot, limits) for foot in f) <= limits.load])
     assert 100 < len(allowed) < 1900, "the test should see both kinds"
     action = env.to_action(allowed, limits)
-    assert action.shape == (len(allowed), 6) and action.min() >= 0 and action.max() <= 1
+    assert action.shape == (len(allowed), 6), "footsteps [..., 2, 3] -> actions [..., 6]"
+    assert action.min() >= 0 and action.max() <= 1, "to_action: the low limit is 0, the high one 1"
     np.testing.assert_allclose(env.to_footsteps(action, limits), allowed, atol=1e-12, err_msg=(
-        "what is allowed is walked as asked for"))
+        "to_action is the inverse: what is allowed is walked as asked for"))
     some = action[:6].reshape(2, 3, 6)
     assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"
     neutral = env.to_action(np.zeros((2, 3)), limits)
@@ -271,16 +283,20 @@ def test_a_footstep_that_asks_for_too_much_is_made_smaller_and_not_turned(sim):
     limits = walk_engine.LIMITS[sim]
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=6)))
     actions = np.concatenate([corners, np.random.default_rng(3).random((400, 6))])
-    loads = []
+    cases = []  # (load, what is asked for, what comes) of every foot
     for action, footsteps in zip(actions, env.to_footsteps(actions, limits), strict=True):
         for share, footstep in zip(action.reshape(2, 3), footsteps):
             asked = [lo + s * (hi - lo) for s, lo, hi in zip(share, limits.low, limits.high)]
-            loads.append(load(asked, limits))
-            shrink = min(1, limits.load / loads[-1])  # of all three: it goes the same way
-            np.testing.assert_allclose(footstep, np.multiply(asked, shrink), atol=1e-12, err_msg=(
-                f"asked for {np.round(asked, 2)}, a load of {loads[-1]:.2f}; each foot by itself"))
-            assert load(footstep, limits) <= limits.load + 1e-9
-    assert min(loads) < limits.load < max(loads), "the test should see both kinds"
+            cases.append((load(asked, limits), asked, footstep))
+    cases.sort(key=lambda case: case[0])  # first what is possible
+    assert cases[0][0] < limits.load < cases[-1][0], "the test should see both kinds"
+    for much, asked, footstep in cases:
+        shrink = min(1, limits.load / much)  # of all three: it goes the same way
+        np.testing.assert_allclose(footstep, np.multiply(asked, shrink), atol=1e-12, err_msg=(
+            SHARES if much <= limits.load else
+            f"more than the load of {limits.load} is asked for: is `within` missing? It makes x, y "
+            "and yaw smaller alike, each foot by itself"))
+        assert load(footstep, limits) <= limits.load + 1e-9
 
 def test_the_last_two_actions_are_observed(make):
     one = make(env.FootstepEnv)
@@ -468,26 +484,40 @@ def by_hand(before, after, action, last, fall, success):
             "r_fall": -TASK.s_fall if fall else 0.0, "r_goal": TASK.s_goal if success else 0.0,
             "r_time": -TASK.s_time}
 
+NEAR = "near(d) = exp(−(d / 0.4 m)²)"
+FORMULAS = {"r_d": "d − d′", "r_a": "|α|·near(d) − |α′|·near(d′), " + NEAR,
+            "r_o": "|β|·far(d) − |β′|·far(d′), far(d) = 1 − near(d), " + NEAR,
+            "r_c": "r_c = −s_c · Σ (action − last action)² over x and y of both feet",
+            "r_fall": "a fall costs s_fall", "r_goal": "a success pays s_goal",
+            "r_time": "every double step costs s_time"}
+
 def test_reward_formulas_by_hand():
     # Far: from (2, 0) to (1, 1) seen from the robot, goal orientation 0 -> 0.5 rad.
     got = terms((2, 0, 0), (1, 1, 0.5))
     near0, near1 = math.exp(-25), math.exp(-2 / 0.16)  # exp(−(d / 0.4 m)²)
     assert got["r_d"] == pytest.approx(2 - math.sqrt(2)), "progress: d before − d after"
-    assert got["r_a"] == pytest.approx(0.3 * (0 * near0 - 0.5 * near1), abs=1e-12)
-    assert got["r_o"] == pytest.approx(0.1 * -(math.pi / 4) * (1 - near1)), "turned away: negative"
-    assert got["r_time"] == -0.02 and got["r_fall"] == 0 and got["r_goal"] == 0
+    assert got["r_a"] == pytest.approx(0.3 * (0 * near0 - 0.5 * near1), abs=1e-12), (
+        f"far away α hardly counts; is near(d) another one? {FORMULAS['r_a']}")
+    assert got["r_o"] == pytest.approx(0.1 * -(math.pi / 4) * (1 - near1)), (
+        f"turned away: negative; or is near(d) another one? {FORMULAS['r_o']}")
+    for name, want in (("r_time", -0.02), ("r_fall", 0), ("r_goal", 0)):
+        assert got[name] == want, f"{name}: {FORMULAS[name]}"
     # Close: at 0.4 m, near = 1/e; turning from α = −1 to −0.2 counts, the direction less.
     got = terms((0.4, 0, -1.0), (0.4, 0, -0.2))
-    assert got["r_d"] == 0 and got["r_o"] == 0
-    assert got["r_a"] == pytest.approx(0.3 * 0.8 / math.e), "|α|: both signs are alike"
+    assert got["r_d"] == 0 and got["r_o"] == 0, "neither d nor β has changed"
+    assert got["r_a"] == pytest.approx(0.3 * 0.8 / math.e), (
+        f"|α|: both signs are alike; or is near(d) another one? {FORMULAS['r_a']}")
     got = terms((-0.4, 0, 0), (0.4, 0, 0))
-    assert got["r_o"] == pytest.approx(0.1 * math.pi * (1 - 1 / math.e)), "β: π -> 0"
+    assert got["r_o"] == pytest.approx(0.1 * math.pi * (1 - 1 / math.e)), (
+        f"β: π -> 0; {FORMULAS['r_o']}")
     # Continuity: only the lengths x, y of both feet, squared, in shares of the limits.
     now, before = [0.5, 0.1, 0.9, 0.2, 0.4, 0.9], [0.2, 0.1, 0.0, 0.2, 0.8, 0.0]
-    got = terms((1, 0, 0), (1, 0, 0), now, before)
-    assert got["r_c"] == pytest.approx(-0.02 * (0.3**2 + 0.4**2)), "yaw must not count"
-    assert terms((1, 0, 0), (1, 0, 0), fall=True)["r_fall"] == -TASK.s_fall
-    assert terms((1, 0, 0), (1, 0, 0), success=True)["r_goal"] == TASK.s_goal
+    for last_yaw, hint in (0.9, FORMULAS["r_c"]), (0.0, "r_c: yaw must not count"):
+        before[2] = before[5] = last_yaw
+        got = terms((1, 0, 0), (1, 0, 0), now, before)
+        assert got["r_c"] == pytest.approx(-0.02 * (0.3**2 + 0.4**2)), hint
+    assert terms((1, 0, 0), (1, 0, 0), fall=True)["r_fall"] == -TASK.s_fall, FORMULAS["r_fall"]
+    assert terms((1, 0, 0), (1, 0, 0), success=True)["r_goal"] == TASK.s_goal, FORMULAS["r_goal"]
 
 def test_reward_formulas_for_many_robots_are_those_of_each_alone():
     rng, n = np.random.default_rng(8), 6
@@ -503,9 +533,12 @@ def test_reward_formulas_for_many_robots_are_those_of_each_alone():
     for i in range(n):
         want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i])
         assert got.keys() == want.keys()
+        alone = terms(before[i], after[i], action[i], last[i], fall[i], success[i])
         for name in want:
+            assert got[name][i] == pytest.approx(alone[name], abs=1e-12), (
+                f"{name} of robot {i} is another one than alone: another robot's numbers?")
             assert got[name][i] == pytest.approx(want[name], abs=1e-12), (
-                f"{name} of robot {i}: the sign, the scalar, or another robot's numbers?")
+                f"{name} of robot {i}: the sign, or the scalar? {FORMULAS[name]}")
 
 @BOTH
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
@@ -576,7 +609,7 @@ def test_discounted_progress_telescopes_as_the_docstring_says(name):
     paid = sum(factor * terms(a, b)[name] for factor, a, b in zip(factors, path, path[1:]))
     waiting = (1 - GAMMA) * np.sum(factors * phi[1:])
     assert paid == pytest.approx(GAMMA**20 * phi[-1] - phi[0] + waiting, abs=1e-9), (
-        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ")
+        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}")
     assert waiting < -1e-3, "away from the goal Φ is negative, so time spent there costs"
 
 def straight_walk(goal, step=0.15, turn=0.3, stop=0.0):

@@ -115,9 +115,17 @@ def test_velocities_become_mirrored_footsteps():
     velocities = np.array([[0.12, 0, 0], [0, 0.06, 0], [0, -0.06, 0], [0, 0, 0.2]])
     expected = [[[0.03, 0, 0], [0.03, 0, 0]], [[0, 0.03, 0], [0, 0, 0]],
                 [[0, 0, 0], [0, 0.03, 0]], [[0, 0, 0.05], [0, 0, -0.05]]]
-    hint = "outward is positive for both feet: y and yaw of the right foot are mirrored"
-    steps = evaluate.velocity_to_footsteps(velocities, period=0.5)  # [4, 2, 3]
-    np.testing.assert_allclose(steps, expected, atol=1e-12, err_msg=hint)
+    ahead = "forward: half the period's way per single step, so both feet share it"
+    aside = ("sideways: one foot takes it all, the left one to the left and the right one to the "
+             "right, and outward is positive for both; the other one follows with 0")
+    turn = "outward is positive for both feet: y and yaw of the right foot are mirrored"
+    steps = evaluate.velocity_to_footsteps(velocities, period=0.5)
+    assert np.shape(steps) == (4, 2, 3), "velocities [n, 3] -> footsteps [n, 2, 3]"
+    for i, (want, hint) in enumerate(zip(expected, (ahead, aside, aside, turn))):
+        alone = evaluate.velocity_to_footsteps(velocities[i : i + 1], period=0.5)[0]
+        np.testing.assert_allclose(alone, want, atol=1e-12, err_msg=hint)
+        np.testing.assert_allclose(steps[i], alone, atol=1e-12, err_msg=(
+            "robots must not influence one another"))
 
 @pytest.mark.parametrize("velocity", [(0.1, 0, 0), (-0.05, 0, 0), (0, 0.06, 0), (0, -0.06, 0),
                                       (0, 0, 0.3), (0, 0, -0.3)])
@@ -1158,7 +1166,8 @@ def test_a_planner_of_one_s_own_is_a_row_beside_the_others(short_trials, monkeyp
     evaluate.main(["--planner", str(own_planner(".")), "--episodes", "2", "--out", "out"])
     content = json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
     assert [row["planner"] for row in content["rows"]] == [
-        "policy", "policy_imu", "baseline", "mine.py"]
+        "mine.py", "policy", "policy_imu", "baseline"], "it comes first, and so it fails early"
+    assert content["policy"] == content["planners"]["policy"]
     assert content["planners"]["mine.py"] == {"file": "mine.py"}
     lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()[1:]
     ends = [line.split(",", 1)[1] for line in lines if line.startswith(("policy,", "mine.py,"))]
@@ -1193,6 +1202,14 @@ def test_a_file_without_a_planner_is_one_line(tmp_path, monkeypatch, text, menti
         planner.act(STANDS, np.array([0]), np.zeros((1, 3)))
     message = str(caught.value)
     assert message.startswith(str(path)) and mention in message and "\n" not in message, message
+
+def test_a_mistake_in_a_planner_is_told_with_its_line(tmp_path):
+    path = own_planner(tmp_path, "view.nothing")
+    line = path.read_text().partition("view.nothing")[0].count("\n") + 1
+    planner = evaluate.OwnPlanner(path)
+    planner.reset(1)
+    with pytest.raises(evaluate.InputError, match=f"mine.py, line {line}: AttributeError"):
+        planner.act(STANDS, np.array([0]), np.zeros((1, 3)))
 
 def test_a_planner_of_one_s_own_cannot_change_the_world(world, tmp_path):
     scribble = "; ".join(f"{name}[:] = 9" for name in (
@@ -1295,4 +1312,4 @@ def test_play_ends_when_its_window_is_closed(short_trials, monkeypatch):
 def test_play_with_a_bad_planner_is_one_line(short_trials, monkeypatch, capsys):
     monkeypatch.setattr(evaluate.plt, "switch_backend", lambda backend: None)
     message = refused(capsys, "--play", "--planner", own_planner(".", "raise ValueError('no')"))
-    assert "mine.py: ValueError('no')" in message
+    assert "mine.py, line 12: ValueError('no')" in message

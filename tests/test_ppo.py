@@ -45,12 +45,18 @@ def test_gae_equals_the_double_sum(lam):
     r, v, v_next = rng.normal(size=(3, steps, robots))
     terminated, truncated = rng.random((2, steps, robots)) < 0.15
     assert (terminated & truncated).any(), "the test should contain steps that are both"
-    got = ppo.gae(*map(torch.tensor, (r, v, v_next, terminated, truncated)), gamma, lam)
-    for i in range(robots):
-        want = brute_force_advantages(r[:, i], v[:, i], v_next[:, i], terminated[:, i],
-                                      truncated[:, i], gamma, lam)
-        np.testing.assert_allclose(got[:, i], want, atol=1e-12, err_msg=(
-            "does a fall zero V(s'), and do a fall AND a cut-off both stop the λ-sum?"))
+    never = np.zeros((steps, robots), bool)
+    for fall, cut, lam_now, hint in (
+            (never, never, 0.0, "nothing ends, λ = 0: A_t = δ_t = r_t + γ·next_values[t] − V(s_t)"),
+            (never, never, lam, "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
+                                "backward"),
+            (terminated, truncated, lam, "does a fall zero V(s'), and do a fall AND a cut-off both "
+                                         "stop the λ-sum?")):
+        got = ppo.gae(*map(torch.tensor, (r, v, v_next, fall, cut)), gamma, lam_now)
+        for i in range(robots):
+            want = brute_force_advantages(r[:, i], v[:, i], v_next[:, i], fall[:, i], cut[:, i],
+                                          gamma, lam_now)
+            np.testing.assert_allclose(got[:, i], want, atol=1e-12, err_msg=hint)
 
 def test_gae_never_looks_at_the_value_behind_a_fall():
     one = torch.ones(1, 1)
@@ -65,7 +71,10 @@ def test_clipped_objective_truth_table():
     ratio, advantage, want = torch.tensor(table).T
     assert ppo.clipped_objective(ratio, advantage, 0.2).shape == (6,), (
         "a number per sample: the mean is taken later")
-    assert torch.allclose(ppo.clipped_objective(ratio, advantage, 0.2), want), (
+    got = ppo.clipped_objective(ratio, advantage, 0.2)
+    assert torch.allclose(got[ratio == 1], want[ratio == 1]), (
+        "at ρ = 1 the objective is A itself: is there a minus too many?")
+    assert torch.allclose(got, want), (
         "take the minimum of both products; clipping the ratio alone forgives bad moves")
     assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
         "ε is the argument `clip`, not always 0.2")
@@ -472,7 +481,8 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
         assert got[name] == pytest.approx(number.item(), rel=1e-3), (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
             "step with π_old on all samples (a mean over the steps on the way is about half of "
-            "it); explained variance and entropy are those of the model that acted")
+            "it); explained variance and entropy are those of the model that acted; is `judge` "
+            "called more than once?")
 
 def test_gradients_are_limited_to_the_maximal_length():
     for limit in (0.5, 0.01):
@@ -509,7 +519,8 @@ def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
     watched = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), rollout(model), cfg)
     assert 0.001 < watched["approx_kl"] < 0.05, (
         f"after 60 rounds the policy has moved by {watched['approx_kl']:.3f} nats: π_old is that "
-        "before the first gradient step, and the clipped objective pays nothing beyond 1 ± ε")
+        "before the first gradient step and of the same `pick`, and the clipped objective pays "
+        "nothing beyond 1 ± ε")
 
 def test_the_critic_s_weight_is_value_coef():
     cfg = ppo.PPOConfig(minibatch=64, epochs=2, max_grad_norm=1e9)

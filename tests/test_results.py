@@ -221,3 +221,18 @@ def test_commands_of_readme_exist():
             assert flag in known, f"README names `{name} {flag}`, which does not exist"
     for path in re.findall(r"tests/[\w/]+\.py", README):
         assert (ROOT / path).is_file(), f"README names {path}, which does not exist"
+
+
+# ------------------------------------------------------------------------ the contest
+def test_points_of_the_contest_are_seconds():
+    row = {"time_mean": 5.0, "fall": 0.01, "timeout": 0.02, "still_there": 0.8}
+    other = row | {"time_mean": 7.0, "fall": 0.03, "timeout": 0.0}
+    assert book.judge.points([row, other]) == pytest.approx(
+        (5.0 + 2.0 + 2.0 + 7.0 + 6.0) / 2), "200 s per share of falls, 100 s per share of time-outs"
+    assert book.judge.points([row, other | {"still_there": 0.6}]) is None, "it runs through"
+    assert book.judge.points([row | {"time_mean": None, "still_there": None}]) is None
+    lines = book.judge.ranking({"none.py": [row | {"time_mean": None, "still_there": None}] * 2,
+                                "slow.py": [other] * 2, "fast.py": [row] * 2}).splitlines()
+    assert [re.search(r"`(.*)`", line)[1] for line in lines[2:]] == [
+        "fast.py", "slow.py", "none.py"], "the fewest points win"
+    assert "disqualified" in lines[-1]

@@ -142,16 +142,19 @@ def test_forward_kinematics_equals_mujoco():
             for k, name in enumerate(("hip", "shin", "foot")):  # a body sits at its upper joint
                 np.testing.assert_allclose(points[leg, k], data.body(f"{side} {name}").xpos,
                                            atol=1e-9, err_msg=(
-                    f"{side} {name}: sign of a pitch, or order of hip yaw and roll?"))
+                    f"{side} {('hip', 'knee', 'ankle')[k]}: sign of a pitch, or order of hip yaw "
+                    "and roll?"))
             sole, foot = data.geom(f"{side} sole"), data.body(f"{side} foot")
             length, _, thick = model.geom(f"{side} sole").size
             for k, x in ((3, -length), (4, length)):  # heel, toe: below the ankle's axis
                 corner = [x, -sign * ROBOT.foot_outward, -thick]
                 want = sole.xpos + sole.xmat.reshape(3, 3) @ corner
                 np.testing.assert_allclose(points[leg, k], want, atol=1e-9, err_msg=(
-                    "heel or toe: foot_front and foot_back swapped, or the ankle's height?"))
+                    "heel or toe: foot_front and foot_back swapped, the ankle's height, or the "
+                    "ankle's roll?"))
             want = math.atan2(foot.xmat[3], foot.xmat[0])
-            assert robot_model.wrap(yaws[leg] - want) == pytest.approx(0, abs=1e-9)
+            assert robot_model.wrap(yaws[leg] - want) == pytest.approx(0, abs=1e-9), (
+                "the rotation that is returned is the foot's")
 
 def test_euler_angles_are_the_inverse_of_rotation():
     angles = np.random.default_rng(1).uniform(-1.4, 1.4, (50, 3)) * [2, 1, 2]
@@ -165,8 +168,13 @@ def test_leg_inverse_undoes_forward():
     joints = random_joints(np.random.default_rng(2), 500).reshape(-1, 6)
     points, foot = robot_model.leg_points(ROBOT, joints)
     got = robot_model.leg_inverse(ROBOT, points[:, 2], foot)
-    np.testing.assert_allclose(got, joints, atol=1e-6, err_msg=(
-        "does the knee bend the other way, or is an arctan2 turned round?"))
+    assert got.shape == joints.shape, "positions [..., 3] in, joint angles [..., 6] out"
+    wrong = ~np.isclose(got, joints, rtol=0, atol=1e-6).all(0)  # [6] hip 0, 1, 2; knee 3; ankle
+    names = np.array(robot_model.JOINTS)
+    cause = ("does the knee bend the other way?" if wrong[3] else
+             "is an arctan2 of the ankle turned round?" if wrong[4:].any() else
+             "is the ankle's roll taken out of the foot's rotation, or an arctan2 turned round?")
+    assert not wrong.any(), f"wrong: {', '.join(names[wrong])} (of {', '.join(names)}): {cause}"
 
 def test_body_inverse_puts_the_feet_where_they_should_be():
     rng, n = np.random.default_rng(3), 200
@@ -224,7 +232,8 @@ def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
         joints = robot_model.leg_inverse(ROBOT, np.array(position), foot)
         points, got = robot_model.leg_points(ROBOT, joints)
         want = np.array(position) / np.linalg.norm(position) * reach
-        side = "too far: a straight leg" if reach == longest else "too near: a folded leg"
+        side = ("too far: a straight leg" if reach == longest else
+                "too near: a folded leg (the knee at its joint limit, not |thigh − shin|)")
         np.testing.assert_allclose(points[2], want, atol=1e-6, err_msg=(
             f"{position}: {side} that points at the wish is the nearest pose"))
         np.testing.assert_allclose(got, foot, atol=1e-6, err_msg="the foot is turned as asked for")
@@ -245,7 +254,8 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     points, got = robot_model.leg_points(ROBOT, joints)
     np.testing.assert_allclose(points[free, 2], position[free], atol=1e-6, err_msg=(
         "within reach and clipped nowhere, but the ankle is elsewhere"))
-    np.testing.assert_allclose(got[free], foot[free], atol=1e-6)
+    np.testing.assert_allclose(got[free], foot[free], atol=1e-6, err_msg=(
+        "within reach and clipped nowhere, but the foot is turned otherwise"))
     assert 5 < free.sum() < 1500, (
         f"{free.sum()} of 2000 random poses can be taken: is a sign wrong, are limits ignored?")
 
@@ -335,13 +345,15 @@ def test_fall_means_half_the_height_or_45_degrees():
     for height, roll, pitch, fell in (
             (0.41, 0, 0, False), (0.19, 0, 0, True), (0.21, 0, 0, False), (0.4, 44, 0, False),
             (0.4, 46, 0, True), (0.4, 0, -44, False), (0.4, 0, 46, True), (0.4, 0, -46, True),
-            (0.4, 30, 30, False), (0.4, 35, 35, True), (0.4, 180, 0, True), (0.1, 90, 0, True)):
+            (0.4, 30, 30, False), (0.4, 32, 32, False), (0.4, 35, 35, True), (0.4, 180, 0, True),
+            (0.1, 90, 0, True)):
         torso = np.array([7, -7, height, math.radians(roll), math.radians(pitch), 3])
         up = matrix(*torso[3:])[2, 2]  # cosine of the tilt
         assert fell == (height < 0.2 or up < math.cos(math.radians(45))), "the test's own table"
         got = robot_model.fallen(np.tile(torso, (2, 3, 1)), 0.4)
         assert got.shape == (2, 3) and (got == fell).all(), (
-            f"height {height} m of 0.4 m, roll {roll}°, pitch {pitch}°")
+            f"height {height} m of 0.4 m, roll {roll}°, pitch {pitch}°: "
+            "cos(tilt) = cos roll · cos pitch")
 
 
 # ---------------------------------------------------------------- standing and falling

@@ -112,9 +112,11 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
                 pitch_per_turn=0.4, trunk_roll=0)
     for footsteps in ([[0, 0, 0], [0, 0, 0]], [[0.08, 0, 0], [0.08, 0, 0]],
                       [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]], [[0, 0, -0.2], [0, 0, 0.2]]):
-        engine = walk_engine.WalkEngine(1, p, ROBOT)
+        engine, straight = (walk_engine.WalkEngine(1, q, ROBOT)
+                            for q in (p, replace(p, pitch_per_turn=0)))
         left, right = engine.feet[0].copy()
-        trunk = engine.plan(np.array([footsteps]), [0])[0].trunk[0]  # [T + 1, 6]
+        trunk, unturned = (e.plan(np.array([footsteps]), [0])[0].trunk[0]  # [T + 1, 6]
+                           for e in (engine, straight))
         new_left, new_right = engine.feet[0]
         for k, (support, start, landing) in enumerate(((right, left, new_left),
                                                        (new_left, right, new_right))):
@@ -134,6 +136,9 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
                 f"knot {k + 1}: sideways a share of the way to the SUPPORT foot, which is at "
                 f"{towards:.3f} m; the trunk is at {aside:.3f} m")
             forward, turn = seen_from([0, 0, centre[2]], after - before)[0], after[2] - before[2]
+            assert unturned[tick, 4] == pytest.approx(0.1 + 0.5 * forward, abs=1e-9), (
+                "the lean is trunk_pitch + pitch_per_step · forward + …; forward: the way of the "
+                "trunk's middle, not of the foot, in its own frame (turned by its own yaw)")
             assert pitch == pytest.approx(0.1 + 0.5 * forward + 0.4 * abs(turn), abs=1e-9), (
                 "a turn to either side adds the same lean")
             # From knot to knot it is one quintic: a fit of degree 5 is exact.
@@ -175,6 +180,8 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
         rise = feet[0, ..., 2]  # [T + 1, 2]
         np.testing.assert_allclose(rise.max(0), p.foot_rise, rtol=0.1)
         assert (rise.min(-1) == 0).all(), "one foot is always on the ground"
+        np.testing.assert_allclose(rise[[engine.half_ticks, -1], [0, 1]], 0, atol=1e-12, err_msg=(
+            "half of the swing up, half of it down: a foot lands at height 0"))
         assert np.all(np.abs(trajectory.trunk[0, :, 0]) < 0.02), "the trunk stays above the feet"
     half = engine.half_ticks
     assert rise[half // 2, 0] > 0.01 and rise[half // 2, 1] == 0, "left swings first"
@@ -188,6 +195,8 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
     assert waiting >= 1, "the test should see the double support"
     np.testing.assert_allclose(left[: waiting + 1], left[:1].repeat(waiting + 1, 0), atol=1e-12,
                                err_msg="it waits during the double support, on the ground")
+    assert left[-1, 2] == pytest.approx(0, abs=1e-12), (
+        "half of the swing up, half of it down: a foot lands at height 0")
     speed = np.abs(np.diff(left, axis=0)) / ROBOT.control_dt
     assert np.all(speed[-1] < 0.1 * speed.max(0) + 1e-9), "the foot should land at rest"
     distance = engine.parameters.foot_distance
@@ -556,17 +565,22 @@ def test_random_plans_stay_within_the_limits():
 
 def test_highest_speed_ignores_everything_beyond_the_first_fall():
     levels, count = walk_engine.LEVELS, len(walk_engine.PATTERN)
-    shares = (np.arange(levels) + 1) / levels
+    moving = sum(walk_engine.PATTERN) * 0.5  # [s]
+    ways = (np.arange(levels) + 1) / levels
+    ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
     poses = np.zeros((4 * levels, count + 1, 3))
     fall = np.full(4 * levels, count)
-    for i, axis in enumerate((0, 0, 1, 2)):  # every walk moves its share; level 5 falls
-        poses[i * levels : (i + 1) * levels, -1, axis] = (1, -1, 1, 1)[i] * shares
-        fall[i * levels + 4] = 2
-    speeds = walk_engine.highest_speed(poses, fall, period=0.5)
-    for direction, speed in speeds.items():
-        assert speed == pytest.approx(shares[3] / (sum(walk_engine.PATTERN) * 0.5)), (
-            f"{direction}: of eight levels the fourth is the fastest below the first one that "
-            "fell; its way, to whichever side, by the time of all double steps not on the spot")
+    for i, axis in enumerate((0, 0, 1, 2)):  # every walk moves its way
+        poses[i * levels : (i + 1) * levels, -1, axis] = (1, -1, 1, 1)[i] * ways
+    forward = walk_engine.highest_speed(poses, fall, period=0.5)["forward"]
+    assert forward == pytest.approx(1 / moving), (
+        "its way by the time of all double steps that are not on the spot: sum(PATTERN) · period, "
+        "not len(PATTERN) · period")
+    fall[4::levels] = 2  # level 5 falls
+    for direction, speed in walk_engine.highest_speed(poses, fall, period=0.5).items():
+        assert speed == pytest.approx(ways[2] / moving), (
+            f"{direction}: of eight levels the third is the fastest below the first one that "
+            "fell, and not the last one that stood; a way counts to whichever side")
 
 def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     """Robots follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""

@@ -1,6 +1,6 @@
 """Grades many submissions in one process, each by the command that the sheet names.
 
-For ../test_book.py, which asks whether the grading is right: stdin is a JSON list of
+For ../test_workbook.py, which asks whether the grading is right: stdin is a JSON list of
 [label, exercise, {file: text}]; for each one a line of JSON comes back: [label, exit code, what the
 student reads at last].
 """

@@ -132,7 +132,8 @@ def main():
     except ValueError:
         folder = out.as_posix()
     folder = f'"{folder}"' if " " in folder else folder
-    print(f"To be written in {out}. Graded, from {ROOT}, by\n    {command(names[0], folder)}")
+    chosen = f'"{" or ".join(names)}"' if args.only and len(names) > 1 else names[0]
+    print(f"To be written in {out}. Graded, from {ROOT}, by\n    {command(chosen, folder)}")
 
 if __name__ == "__main__":
     main()

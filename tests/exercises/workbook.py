@@ -1,7 +1,7 @@
 """The one list of the exercises in which a function is to be written.
 
-sheet.py empties these functions, ../conftest.py grades them, ../test_book.py checks that README.md
-beside this file agrees.
+sheet.py empties these functions, ../conftest.py grades them, ../test_workbook.py checks that
+README.md beside this file agrees.
 """
 
 from collections import namedtuple

@@ -3,14 +3,19 @@
     python tests/studies/book.py
 
 From the JSON, Markdown and figures that stage 5 and the studies have shipped; so no number is
-copied by hand. It also puts the table of README in its place (between its two comments).
+copied by hand. It also puts the tables of README and of the contest (projects.md) in their places,
+each between two comments.
 """
 
 import ast
 import json
 import re
+import sys
 
 import common
+
+sys.path.append(str(common.ROOT / "tests" / "exercises"))
+import judge  # noqa: E402  (in tests/exercises)
 
 SIMS = {"mujoco": "3-D (MuJoCo)", "pymunk": "sagittal plane and yaw (pymunk)"}
 FLAG = {"mujoco": " --mujoco", "pymunk": ""}
@@ -84,17 +89,20 @@ def readme_table():
             "still there"]
     return common.markdown(head, cells)
 
-def with_table(readme):
-    """README with the table of today."""
-    begin, end = "<!-- table -->\n", "<!-- end -->"
-    head, rest = readme.split(begin)
-    return head + begin + readme_table() + end + rest.split(end, 1)[1]
+def with_table(page, name, table):
+    """A page with the table of today between its two comments."""
+    begin, end = f"<!-- {name} -->\n", "<!-- end -->"
+    head, rest = page.split(begin)
+    return head + begin + table + end + rest.split(end, 1)[1]
 
 def pages():
     """Every page as it should be, by its path."""
     found = {common.RESULTS / sim / "README.md": simulator_page(sim) for sim in SIMS}
-    readme = common.ROOT / "README.md"
-    found[readme] = with_table(readme.read_text(encoding="utf-8"))
+    exercises, readme = common.ROOT / "tests" / "exercises", common.ROOT / "README.md"
+    contest = exercises / "projects.md"
+    field = judge.ranking(judge.noisy(common.RESULTS / "mujoco" / "evaluation.json"))
+    for page, name, table in ((readme, "table", readme_table()), (contest, "contest", field)):
+        found[page] = with_table(page.read_text(encoding="utf-8"), name, table)
     return found | {common.RESULTS / "STUDIES.md": studies_page()}
 
 def main():

@@ -1,4 +1,4 @@
-# Too much is not made smaller. Says: a load of
+# Too much is not made smaller. Says: is `within` missing?
 
 def to_footsteps(action, limits):
     low, high = np.array(limits.low), np.array(limits.high)

@@ -1,4 +1,4 @@
-# 0.5 is no step, as if the limits were symmetric. Says: walked as asked for
+# 0.5 is no step, as if the limits were symmetric. Says: 0.5 their middle
 
 def to_footsteps(action, limits):
     high = np.array(limits.high)

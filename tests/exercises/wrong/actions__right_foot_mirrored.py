@@ -1,4 +1,4 @@
-# Mirrors what the engine mirrors. Says: walked as asked for
+# Mirrors what the engine mirrors. Says: outward positive
 
 def to_footsteps(action, limits):
     low, high = np.array(limits.low), np.array(limits.high)

@@ -1,4 +1,4 @@
-# No λ. Says: λ-sum
+# No λ. Says: γ·λ·A_{t+1}
 
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     bootstrap = torch.where(terminated, torch.zeros_like(next_values), next_values)

@@ -1,4 +1,4 @@
-# V of the next row instead of what really followed. Says: does a fall zero
+# V of the next row instead of what really followed. Says: next_values[t]
 
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     bootstrap = torch.where(terminated, torch.zeros_like(next_values),

@@ -1,4 +1,4 @@
-# The ankle's roll is not taken out of the foot's rotation. Says: arctan2 turned round
+# The ankle's roll is not taken out of the foot's rotation. Says: taken out of the foot's rotation
 
 def leg_inverse(robot, position, foot_turn):
     thigh, shin = robot.thigh_length, robot.shin_length

