@@ -46,16 +46,16 @@ def test_gae_equals_the_double_sum(lam):
     terminated, truncated = rng.random((2, steps, robots)) < 0.15
     assert (terminated & truncated).any(), "the test should contain steps that are both"
     never = np.zeros((steps, robots), bool)
-    for fall, cut, lam_now, hint in (
-            (never, never, 0.0, "nothing ends, λ = 0: A_t = δ_t = r_t + γ·next_values[t] − V(s_t)"),
-            (never, never, lam, "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
-                                "backward"),
-            (terminated, truncated, lam, "does a fall zero V(s'), and do a fall AND a cut-off both "
-                                         "stop the λ-sum?")):
-        got = ppo.gae(*map(torch.tensor, (r, v, v_next, fall, cut)), gamma, lam_now)
+    for rows, fall, cut, hint in (
+            (1, never, never, "a single step: A = δ = r + γ·V(s') − V(s)"),
+            (steps, never, never, "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
+                                  "backward; V(s'_t) is next_values[t]"),
+            (steps, terminated, truncated, "does a fall zero V(s'), and do a fall AND a cut-off "
+                                           "both stop the λ-sum?")):
+        told = [x[:rows] for x in (r, v, v_next, fall, cut)]  # [rows, robots] each
+        got = ppo.gae(*map(torch.tensor, told), gamma, lam)
         for i in range(robots):
-            want = brute_force_advantages(r[:, i], v[:, i], v_next[:, i], fall[:, i], cut[:, i],
-                                          gamma, lam_now)
+            want = brute_force_advantages(*(x[:, i] for x in told), gamma, lam)
             np.testing.assert_allclose(got[:, i], want, atol=1e-12, err_msg=hint)
 
 def test_gae_never_looks_at_the_value_behind_a_fall():
@@ -644,9 +644,9 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     cfg = replace(SMALL, hidden=(8,), first_concentration=12.0)
     model, _ = ppo.train(cfg, neutral, tmp_path, 256, progress=False, make_model=Mine)
     assert type(model) is Mine
-    assert made == [(1, 1, (8,), np.array([0.3]), 12.0, False)], (
+    assert made == [(1, 1, (8,), np.array([0.3]), 12.0, False, 0)], (
         "observation, action, hidden layers, the environment's neutral action, concentration, "
-        "normalize")
+        "normalize, secrets")
     ppo.train(cfg, lambda n: Probe(n, zero, constant), tmp_path, 256, progress=False,
               make_model=Mine)
     assert made[1][3] == 0.5, "an environment without a neutral action: the middle"
@@ -671,7 +671,7 @@ def wandering(num_envs):
 
 WORLDS = {"probe": wandering, "pendulum": pendulum,
           "pymunk": lambda n: env.FootstepVectorEnv(n, "pymunk", noise=True, cores=1),
-          "mujoco": lambda n: env.FootstepVectorEnv(n, "mujoco", noise=True, cores=1)}
+          "mujoco": lambda n: env.FootstepVectorEnv(n, "mujoco", True, False, env.SECRETS, cores=1)}
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
@@ -940,3 +940,24 @@ def test_command_line_trains_resumes_and_can_be_interrupted(tmp_path, monkeypatc
     assert caught.value.code == 130 and "interrupted" in capsys.readouterr().err
     assert (tmp_path / "policy.pt").read_bytes() == before
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
+
+# ------------------------------------------------------------------------ the critic's secrets
+def test_secrets_reach_the_critic_and_not_the_policy(tmp_path):
+    torch.manual_seed(0)
+    model = ppo.ActorCritic(5, 2, secrets=3)
+    obs, other = torch.randn(2, 7, 5)
+    other[:, :2] = obs[:, :2]  # the same for the policy
+    assert torch.equal(model.policy(obs).mean, model.policy(other).mean), (
+        "the actor may look at obs[..., :public] only")
+    assert not torch.allclose(model.value(obs), model.value(other)), "the critic looks at them all"
+    np.testing.assert_array_equal(model.decide(obs.numpy()), model.decide(obs[:, :2].numpy()),
+                                  err_msg="when it counts there are no secrets to be had")
+    ppo.save_policy(tmp_path / "policy.pt", model, {"fits": {}})
+    again, _ = ppo.load_policy(tmp_path / "policy.pt")
+    assert same(model, again) and again.public == 2
+
+def test_every_training_of_ours_has_a_critic_that_knows(tmp_path, monkeypatch):
+    told = told_to_train(["--mujoco", "--imu", "--out", str(tmp_path)], monkeypatch)
+    envs = told["make_envs"](2)
+    assert envs.secrets == env.SECRETS and envs.imu
+    envs.close()

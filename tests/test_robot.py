@@ -220,7 +220,14 @@ def test_stance_stands_flat_on_the_ground(name):
                                atol=1e-9, err_msg="the trunk is x_offset AHEAD of the feet")
     np.testing.assert_allclose(yaw, 0, atol=1e-9)
 
+ELSEWHERE = "within reach and clipped nowhere, but the ankle is elsewhere"
+OTHERWISE = "within reach and clipped nowhere, but the foot is turned otherwise"
+
 def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
+    inside, foot = np.array([0.02, 0.03, -0.25]), matrix(0, 0, 0.3)
+    points, got = robot_model.leg_points(ROBOT, robot_model.leg_inverse(ROBOT, inside, foot))
+    np.testing.assert_allclose(points[2], inside, atol=1e-6, err_msg=ELSEWHERE)
+    np.testing.assert_allclose(got, foot, atol=1e-6, err_msg=OTHERWISE)
     bent = robot_model.leg_points(ROBOT, [0, 0, 0, ROBOT.joint_max[3], 0, 0])[0][2]
     shortest, longest = np.linalg.norm(bent), ROBOT.thigh_length + ROBOT.shin_length
     for position, yaw, reach in (
@@ -252,10 +259,8 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     free = ((joints > ROBOT.joint_min) & (joints < ROBOT.joint_max)).all(1)
     free &= np.linalg.norm(position, axis=1) < ROBOT.thigh_length + ROBOT.shin_length
     points, got = robot_model.leg_points(ROBOT, joints)
-    np.testing.assert_allclose(points[free, 2], position[free], atol=1e-6, err_msg=(
-        "within reach and clipped nowhere, but the ankle is elsewhere"))
-    np.testing.assert_allclose(got[free], foot[free], atol=1e-6, err_msg=(
-        "within reach and clipped nowhere, but the foot is turned otherwise"))
+    np.testing.assert_allclose(points[free, 2], position[free], atol=1e-6, err_msg=ELSEWHERE)
+    np.testing.assert_allclose(got[free], foot[free], atol=1e-6, err_msg=OTHERWISE)
     assert 5 < free.sum() < 1500, (
         f"{free.sum()} of 2000 random poses can be taken: is a sign wrong, are limits ignored?")
 
@@ -352,8 +357,8 @@ def test_fall_means_half_the_height_or_45_degrees():
         assert fell == (height < 0.2 or up < math.cos(math.radians(45))), "the test's own table"
         got = robot_model.fallen(np.tile(torso, (2, 3, 1)), 0.4)
         assert got.shape == (2, 3) and (got == fell).all(), (
-            f"height {height} m of 0.4 m, roll {roll}°, pitch {pitch}°: "
-            "cos(tilt) = cos roll · cos pitch")
+            f"height {height} m of 0.4 m, roll {roll}°, pitch {pitch}° is {'a' if fell else 'no'} "
+            "fall" + (": cos(tilt) = cos roll · cos pitch" if roll or pitch else ""))
 
 
 # ---------------------------------------------------------------- standing and falling

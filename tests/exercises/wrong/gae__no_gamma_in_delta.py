@@ -1,4 +1,4 @@
-# No γ before V(s'). Says: r_t + γ·next_values[t]
+# No γ before V(s'). Says: r + γ·V(s')
 
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     bootstrap = torch.where(terminated, torch.zeros_like(next_values), next_values)
