@@ -57,7 +57,7 @@ class Task:
     s_c: float = 0.02  # [-] continuity
     s_fall: float = 10.0  # [-] the price of a fall; ours
     s_goal: float = 1.0  # [-] the prize for having arrived; ours
-    s_time: float = 0.025  # [-] a double step; for ever: 0.025 / (1 − γ) = 1.25; ours
+    s_time: float = 0.02  # [-] a double step; for ever: 0.02 / (1 − γ) = 1 with γ = 0.98; ours
 
 # The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
 # robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
@@ -80,7 +80,6 @@ IMU_TABLE = (
     ("torso pitch", "0.25 rad", -4.0, 4.0),
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
-SECRETS = len(GOAL_TABLE) + len(IMU_TABLE) + 1  # numbers that only the critic of stage 4 sees
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
 PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # each with its own dice
 ENDS = ("success", "fall", "timeout", "time")  # what an environment tells of an ended episode
@@ -258,12 +257,6 @@ class FootstepWorld:
             parts.append(np.clip(tilt * [4, 4, 1, 1, 1], low, high))
         return np.concatenate(parts, -1).astype(np.float32)
 
-    def secrets(self, robots):
-        """The truth, for the critic [n, SECRETS]: goal, tilt, friction; in training only."""
-        tilt = np.clip(self.tilt[robots] * [4, 4, 1, 1, 1], -10, 10)
-        friction = (self.friction[robots, None] - 0.7) / 0.3  # drawn evenly: −1 to 1
-        return np.concatenate([encode_goal(self.relative_goal(robots)), tilt, friction], -1)
-
     def view(self, robots, measured):
         """What a planner may know of these robots beside the measured goals [n, 3]."""
         return View(self.engine.period, self.limits, self.neutral_action.copy(),
@@ -309,10 +302,9 @@ def fingerprint(sim, imu=False):
             "walk parameters": asdict(walk_engine.TUNED[sim])}
 
 # ------------------------------------------------------------------------ Gymnasium
-def spaces(imu, secrets=0):
+def spaces(imu):
     """Observation and action space of one robot."""
-    rows = [row[2:] for row in observation_table(imu)] + [(-np.inf, np.inf)] * secrets
-    low, high = np.array(rows, np.float32).T
+    low, high = np.array([row[2:] for row in observation_table(imu)], np.float32).T
     return gym.spaces.Box(low, high), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
@@ -320,14 +312,13 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     `step` returns the first observation of the new episode, and the last one of the old episode in
     `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
     estimated ("bootstrapped") from there. infos["_final_obs"][i] says whether robot i's has ended.
-    secrets=SECRETS: so many more numbers in the observation, see `FootstepWorld.secrets`. (The
-    planar robots live in processes: call it below `if __name__ == "__main__":`.)
+    (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, secrets=0, **settings):
-        self.num_envs, self.imu, self.secrets = num_envs, imu, secrets
-        self.single_observation_space, self.single_action_space = spaces(imu, secrets)
+    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
+        self.num_envs, self.imu = num_envs, imu
+        self.single_observation_space, self.single_action_space = spaces(imu)
         batch = gym.vector.utils.batch_space
         self.observation_space = batch(self.single_observation_space, num_envs)
         self.action_space = batch(self.single_action_space, num_envs)
@@ -336,10 +327,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self._everybody = np.arange(num_envs)
 
     def _observe(self, robots):
-        seen = self.world.observe(robots, self.world.measure(robots), self.imu)
-        if self.secrets:
-            seen = np.concatenate([seen, self.world.secrets(robots)], -1).astype(np.float32)
-        return seen
+        return self.world.observe(robots, self.world.measure(robots), self.imu)
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i has the seed + i. options["goals"] [N, 3] sets the goals."""

@@ -97,10 +97,6 @@ def mlp(sizes, last_gain):
 class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
-    The last `secrets` numbers of an observation are for the critic only: true goal, tilt, friction.
-    That is no cheating: who judges may know more than who acts, and after the training nobody asks
-    the critic. It knows a fall is near before the robot does, so the blame finds the right step.
-
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
     hump as long as α, β > 1. (Here α and β belong to a distribution; they are not the angles of
     stage 3.) Training rewards what the samples do, but what counts in the end is the mode. So the
@@ -110,15 +106,14 @@ class ActorCritic(nn.Module):
     sharpness = 1.0  # k; set by `train`
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0,
-                 normalize=False, secrets=0):
+                 normalize=False):
         super().__init__()
-        self.public = int(obs_dim) - secrets
         self.shape = {"obs_dim": int(obs_dim), "act_dim": int(act_dim), "hidden": list(hidden),
-                      "normalize": normalize, "secrets": secrets}
+                      "normalize": normalize}
         if normalize:  # running mean and variance of observations, and of sums of rewards
             self.seen, self.paid = (nn.BatchNorm1d(size, affine=False, momentum=None).eval()
                                     for size in (obs_dim, 1))
-        self.actor = mlp((self.public, *hidden, 2 * act_dim), last_gain=0.01)
+        self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
         # With small last weights the first policy hardly depends on the observation: the bias alone
         # puts its mode m = (α − 1) / (c − 2) at first_action, with the concentration c = α+β:
@@ -139,8 +134,7 @@ class ActorCritic(nn.Module):
 
     def policy(self, obs):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
-        raw = self.actor(self.scaled(obs)[..., : self.public])
-        raw = nn.functional.softplus(raw).clamp(1e-6, 1e3)  # no overflow
+        raw = nn.functional.softplus(self.actor(self.scaled(obs))).clamp(1e-6, 1e3)  # no overflow
         alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
         return torch.distributions.Independent(  # the log-probability of an action is a sum
             torch.distributions.Beta(alpha, beta, validate_args=False), 1, validate_args=False)
@@ -151,10 +145,7 @@ class ActorCritic(nn.Module):
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
     def decide(self, obs):
-        """What to do when it counts, arrays: [N, obs] -> [N, act]: the mode, as in the paper.
-
-        It needs no secrets.
-        """
+        """What to do when it counts, arrays: [N, obs] -> [N, act]: the mode, as in the paper."""
         with torch.no_grad():  # mode = (α − 1) / (α + β − 2)
             return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mode.numpy()
 
@@ -326,8 +317,8 @@ def load_policy(path):
     try:
         weights = stored.pop("state_dict")
         meta = dict(stored, fits=dict(stored["fits"]))
-        extra = {name: stored.get(name, 0) for name in ("normalize", "secrets")}
-        model = ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"], **extra)
+        model = ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"],
+                            normalize=stored.get("normalize", False))
         model.load_state_dict(weights)
         if not all(torch.isfinite(tensor).all() for tensor in weights.values()):
             raise ValueError("not finite")
@@ -349,10 +340,9 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     run = Run(Path(out), about, resume)
     updates = -(-total_steps // (cfg.num_envs * cfg.rollout))  # rounded up to whole updates
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
-    neutral, secrets = (getattr(envs.unwrapped, name, other)  # of stage 3
-                        for name, other in (("neutral_action", 0.5), ("secrets", 0)))
     model = make_model(envs.single_observation_space.shape[0], envs.single_action_space.shape[0],
-                       cfg.hidden, neutral, cfg.first_concentration, cfg.normalize, secrets)
+                       cfg.hidden, getattr(envs.unwrapped, "neutral_action", 0.5),  # of stage 3
+                       cfg.first_concentration, cfg.normalize)
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [8]
     if run.checkpoint:
         model.load_state_dict(run.checkpoint["model"])
@@ -491,8 +481,7 @@ def parse(argv):
             parser.error(" ".join(reason.split()))
     else:
         args.fits = env.fingerprint(args.sim, args.imu)
-        args.make_envs = lambda n: env.FootstepVectorEnv(n, args.sim, args.noise, args.imu,
-                                                         env.SECRETS)
+        args.make_envs = lambda n: env.FootstepVectorEnv(n, args.sim, args.noise, args.imu)
     args.usual = Path("runs", re.sub("[/:]", "-", args.task), *["imu"] * args.imu)  # see stage 5
     args.out = parser.folder(args, args.usual / "quick" if args.quick else args.usual)
     return parser, args

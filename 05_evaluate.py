@@ -453,7 +453,7 @@ def load(path, sim):
             planner = SearchPlanner(steps, moves, value, walk_engine.LIMITS[sim], facts["change"])
         else:
             model, stored = ppo.load_policy(path)
-            imu = model.public > len(env.observation_table())
+            imu = stored["obs_dim"] > len(env.observation_table())
             facts = {"imu": imu, **{key: stored.get(key) for key in ("steps", "minutes", "seed")}}
             name, planner = "policy" + "_imu" * imu, PolicyPlanner(model, imu)
         fits = stored.get("fits", {}), env.fingerprint(sim, imu)

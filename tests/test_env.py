@@ -1076,26 +1076,3 @@ def test_hand_written_planner_stays_within_half_of_the_limits():
         outward = steps[..., 1]  # the leading foot steps aside, the other one follows
         np.testing.assert_array_equal(outward[:, 0] > 1e-9, goals[:, 1] > 0)
         np.testing.assert_array_equal(outward[:, 1] > 1e-9, goals[:, 1] < 0)
-
-# ------------------------------------------------------------------------ what the critic may see
-@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
-def test_secrets_are_the_truth_behind_what_is_observed(sim):
-    envs, plain = (env.FootstepVectorEnv(4, sim, True, False, secrets, cores=1)
-                   for secrets in (env.SECRETS, 0))
-    seen, public = envs.reset(seed=3)[0], plain.reset(seed=3)[0]
-    for _ in range(6):
-        world, robots = envs.world, np.arange(4)
-        assert seen.shape == (4, 20 + env.SECRETS) and seen.dtype == np.float32
-        assert envs.observation_space.contains(seen)
-        np.testing.assert_array_equal(seen[:, :20], public, err_msg=(
-            "first what the policy sees, the same with and without secrets"))
-        truth = env.encode_goal(world.relative_goal(robots))
-        np.testing.assert_allclose(seen[:, 20:28], truth, atol=1e-6, err_msg="the goal, no noise")
-        tilt = np.clip(world.tilt * [4, 4, 1, 1, 1], -10, 10)
-        np.testing.assert_allclose(seen[:, 28:33], tilt, atol=1e-6, err_msg="the tilt, no noise")
-        np.testing.assert_allclose(0.7 + 0.3 * seen[:, 33], world.friction, atol=1e-6)
-        assert np.abs(seen[:, :8] - seen[:, 20:28]).max() > 1e-3, "the policy's goal has noise"
-        actions = np.tile(envs.neutral_action, (4, 1))
-        (seen, *_), (public, *_) = envs.step(actions), plain.step(actions)
-    envs.close()
-    plain.close()

@@ -234,7 +234,10 @@ def test_steps_to_go_obeys_its_equation(small_map):
     value = search.steps_to_go(ODD, env.Task())
     k, i, j = np.meshgrid(np.arange(12), np.arange(4, 21), np.arange(4, 21), indexing="ij")
     poses = np.stack([(i - 12) * 0.05, (j - 12) * 0.05, k * math.radians(30)], -1)
-    moved = robot_model.compose(poses[..., None, :], ODD)  # [..., A, 3]; all within the map
+    (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
+    moved = np.stack([x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
+                      y + np.sin(yaw) * ahead + np.cos(yaw) * aside, yaw + turn], -1)
+    # `compose` by hand, [..., A, 3]; all within the map
     at_goal = (np.hypot(poses[..., 0], poses[..., 1]) <= 0.05 + 1e-9) & (k == 0)
     after = np.where(at_goal, 0, np.minimum(FAR, 1 + evaluate.look_up(value, moved).min(-1)))
     assert after.max() < FAR, "all of these can reach the goal: repeat until nothing changes"

@@ -644,9 +644,9 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     cfg = replace(SMALL, hidden=(8,), first_concentration=12.0)
     model, _ = ppo.train(cfg, neutral, tmp_path, 256, progress=False, make_model=Mine)
     assert type(model) is Mine
-    assert made == [(1, 1, (8,), np.array([0.3]), 12.0, False, 0)], (
+    assert made == [(1, 1, (8,), np.array([0.3]), 12.0, False)], (
         "observation, action, hidden layers, the environment's neutral action, concentration, "
-        "normalize, secrets")
+        "normalize")
     ppo.train(cfg, lambda n: Probe(n, zero, constant), tmp_path, 256, progress=False,
               make_model=Mine)
     assert made[1][3] == 0.5, "an environment without a neutral action: the middle"
@@ -671,7 +671,7 @@ def wandering(num_envs):
 
 WORLDS = {"probe": wandering, "pendulum": pendulum,
           "pymunk": lambda n: env.FootstepVectorEnv(n, "pymunk", noise=True, cores=1),
-          "mujoco": lambda n: env.FootstepVectorEnv(n, "mujoco", True, False, env.SECRETS, cores=1)}
+          "mujoco": lambda n: env.FootstepVectorEnv(n, "mujoco", noise=True, cores=1)}
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
@@ -940,24 +940,3 @@ def test_command_line_trains_resumes_and_can_be_interrupted(tmp_path, monkeypatc
     assert caught.value.code == 130 and "interrupted" in capsys.readouterr().err
     assert (tmp_path / "policy.pt").read_bytes() == before
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
-
-# ------------------------------------------------------------------------ the critic's secrets
-def test_secrets_reach_the_critic_and_not_the_policy(tmp_path):
-    torch.manual_seed(0)
-    model = ppo.ActorCritic(5, 2, secrets=3)
-    obs, other = torch.randn(2, 7, 5)
-    other[:, :2] = obs[:, :2]  # the same for the policy
-    assert torch.equal(model.policy(obs).mean, model.policy(other).mean), (
-        "the actor may look at obs[..., :public] only")
-    assert not torch.allclose(model.value(obs), model.value(other)), "the critic looks at them all"
-    np.testing.assert_array_equal(model.decide(obs.numpy()), model.decide(obs[:, :2].numpy()),
-                                  err_msg="when it counts there are no secrets to be had")
-    ppo.save_policy(tmp_path / "policy.pt", model, {"fits": {}})
-    again, _ = ppo.load_policy(tmp_path / "policy.pt")
-    assert same(model, again) and again.public == 2
-
-def test_every_training_of_ours_has_a_critic_that_knows(tmp_path, monkeypatch):
-    told = told_to_train(["--mujoco", "--imu", "--out", str(tmp_path)], monkeypatch)
-    envs = told["make_envs"](2)
-    assert envs.secrets == env.SECRETS and envs.imu
-    envs.close()

@@ -153,7 +153,7 @@ def test_forward_kinematics_equals_mujoco():
                     "heel or toe: foot_front and foot_back swapped, the ankle's height, or the "
                     "ankle's roll?"))
             want = math.atan2(foot.xmat[3], foot.xmat[0])
-            assert robot_model.wrap(yaws[leg] - want) == pytest.approx(0, abs=1e-9), (
+            assert math.remainder(yaws[leg] - want, math.tau) == pytest.approx(0, abs=1e-9), (
                 "the rotation that is returned is the foot's")
 
 def test_euler_angles_are_the_inverse_of_rotation():

@@ -290,3 +290,32 @@ def test_every_emptied_function_is_rejected_and_ours_passes():
         assert code == 1 and f"{name} is not written yet" in words, words
         code, words = results[f"{name} ours"]
         assert code == 0 and ": solved, " in words, words
+
+def needed():
+    """{name: it, and all exercises that it needs by README.md, and that those need}."""
+    text, direct = (FOLDER / "README.md").read_text(encoding="utf-8"), {}
+    for part in re.split(r"^#### ", text, flags=re.MULTILINE)[1:]:
+        said = " ".join(re.findall(r"\bNeeds\b[^:.]*:\s([^.;]+)", part))
+        direct[part.split()[0]] = {word for word in re.findall(r"\w+", said) if word in BOOK}
+    result = {}
+    for name in BOOK:
+        names, more = set(), {name}
+        while more:
+            names |= more
+            more = set().union(*(direct[one] for one in names)) - names
+        result[name] = names
+    return result
+
+def test_needs_are_read_from_readme():
+    names = needed()
+    assert names["wrap"] == {"wrap"} and names["leg_inverse"] == {"leg_inverse", "leg_points"}
+    assert {"first_bias", "gae", "clipped_objective"} < names["improve"]
+    assert {"wrap", "look_up"} < names["steps_to_go"], "also what is said in parentheses"
+
+@pytest.mark.slow
+def test_an_exercise_needs_no_more_than_readme_says():
+    names = needed()
+    results = graded([[name, name, sheet.sheets(BOOK.keys() - names[name])] for name in BOOK])
+    problems = [f"{name}: README.md says it needs {sorted(names[name] - {name})}, but\n{words}"
+                for name, (code, words) in results.items() if code != 0]
+    assert not problems, "\n".join(problems)

@@ -22,7 +22,6 @@ VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"model": "Gaussian"},
     "no sharpening": {"config": {"sharpest": 1.0}},
-    "critic without secrets": {"secrets": 0},
     "one previous action": {"hide": True},
     "with IMU": {"imu": True},
     **{f"without r_{k}": {"task": {f"s_{k}": 0.0}}
@@ -38,10 +37,9 @@ class GaussianActor(ppo.ActorCritic):
     The environment gets the clipped action; the log-probability is that of the unclipped one.
     """
 
-    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration, normalize=False,
-                 secrets=0):
-        super().__init__(obs_dim, act_dim, hidden, normalize=normalize, secrets=secrets)
-        self.actor = ppo.mlp((self.public, *hidden, act_dim), last_gain=0.01)
+    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration, normalize=False):
+        super().__init__(obs_dim, act_dim, hidden)
+        self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
         first = ppo.torch.as_tensor(first_action, dtype=ppo.torch.float32).expand(act_dim)
         self.actor[-1].bias.data.copy_(first)
         # σ² = 1 / (4·(c + 1)), that of a Beta with mean 0.5 and concentration c
@@ -50,7 +48,7 @@ class GaussianActor(ppo.ActorCritic):
 
     def policy(self, obs):
         std = self.log_std.exp() / self.sharpness**0.5  # p(x)^k is a normal distribution again
-        normal = ppo.torch.distributions.Normal(self.actor(obs[..., : self.public]), std)
+        normal = ppo.torch.distributions.Normal(self.actor(obs), std)
         return ppo.torch.distributions.Independent(normal, 1)
 
     def sample(self, obs):
@@ -59,8 +57,7 @@ class GaussianActor(ppo.ActorCritic):
 
     def decide(self, obs):
         with ppo.torch.no_grad():  # mode and mean are the same
-            public = ppo.torch.as_tensor(obs)[..., : self.public]
-            return self.actor(public).clamp(0.0, 1.0).numpy()
+            return self.actor(ppo.torch.as_tensor(obs)).clamp(0.0, 1.0).numpy()
 
 class HiddenEnv(env.FootstepVectorEnv):
     """The observation without the action before the last one."""
@@ -92,8 +89,7 @@ def ablate(sim, name, seed):
 
     def make_envs(num_envs):
         kind = HiddenEnv if hide else env.FootstepVectorEnv
-        return kind(num_envs, sim, True, imu, variant.get("secrets", env.SECRETS), task=task,
-                    cores=1)
+        return kind(num_envs, sim, True, imu, task=task, cores=1)
 
     kind = GaussianActor if variant.get("model") else ppo.ActorCritic
     model, log = kept.learn(out, cfg, make_envs, STEPS, seed, about={"fits": fits}, progress=False,

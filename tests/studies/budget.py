@@ -23,8 +23,8 @@ def train(sim):
     if not (out / "cost.json").is_file():
         with common.timed(env.FootstepVectorEnv, "step") as simulation:
             _, rows = kept.learn(
-                out, cfg, lambda n: env.FootstepVectorEnv(n, sim, True, False, env.SECRETS), STEPS,
-                seed=0, about={"fits": fits, "imu": False, "noise": True})
+                out, cfg, lambda n: env.FootstepVectorEnv(n, sim, noise=True), STEPS, seed=0,
+                about={"fits": fits, "imu": False, "noise": True})
         cost = {"minutes": round(rows[-1]["minutes"], 2), "cores": common.robot_model.CORES}
         cost["learning_ms"] = learning_ms(simulation, cfg)
         common.write(out / "cost.json", common.as_json(cost))

@@ -93,7 +93,7 @@ def train(seed, imu):
     out = common.work("mujoco") / f"kicks{'_imu' * imu}_{seed}_{name}"
 
     def make_envs(num_envs):
-        envs = env.FootstepVectorEnv(num_envs, "mujoco", True, imu, env.SECRETS)
+        envs = env.FootstepVectorEnv(num_envs, "mujoco", noise=True, imu=imu)
         kicked(envs.world, 0.0, SPEEDS[-1])
         return envs
 
