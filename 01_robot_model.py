@@ -121,9 +121,9 @@ class Spread:
         """One Body per generator, n in all."""
         dice = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 35]
         friction, mass, stiffness, stiction, delay = np.split(dice, [1, 10, 22, 34], axis=1)
-        return Body(robot.friction + self.friction * friction[:, 0], 1 + self.mass * mass,
-                    1 + self.stiffness * stiffness, self.stiction * (1 + stiction) / 2,
-                    self.delay * (delay[:, 0] > 0))
+        return Body(np.maximum(0, robot.friction + self.friction * friction[:, 0]),
+                    1 + self.mass * mass, 1 + self.stiffness * stiffness,
+                    self.stiction * (1 + stiction) / 2, self.delay * (delay[:, 0] > 0))
 
 @dataclass
 class Body:
@@ -514,7 +514,7 @@ class PymunkSim:
             if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
                 motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
-                motors[-1].max_force = robot.torque_limit[index] - self.stiction[i, k - 1]
+                motors[-1].max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
                 limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
                 space.add(motors[-1], pymunk.PivotJoint(parent, body, point),
                           pymunk.RotaryLimitJoint(parent, body, *limits))
