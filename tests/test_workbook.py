@@ -177,15 +177,29 @@ def test_a_submission_of_one_file_is_graded_from_any_folder(tmp_path):
                      r"products; .*\n  Hints: tests/exercises/README.md, exercise \"clipped_obj",
                      words, re.MULTILINE), words
     assert "gae ★★: 0 of 4 tests pass\n  - gae is not written yet\n" in words, words
-    assert "low_pass ★: solved, 1 of 1 tests pass" in words, "taken from the repository"
-    assert "1 of 3 exercises solved" in words
+    assert "low_pass ★: not handed in, there is no 05_evaluate.py" in words
+    assert "alice smith: 0 of 3 exercises solved, 0 of 4 stars" in words
     assert len(words.splitlines()) <= 12, "the hints come last, and in a few lines"
     assert "wilson" not in words
 
 def test_a_file_that_cannot_be_imported_is_told_at_last(tmp_path):
     (tmp_path / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
     done = grade(tmp_path, "-k", "gae")
-    assert done.returncode != 0 and "  - SyntaxError: invalid syntax" in last_words(done.stdout)
+    assert done.returncode != 0
+    assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in last_words(done.stdout)
+
+def test_nothing_is_no_solution_and_a_copy_is_told(tmp_path):
+    """Who hands in an empty folder's worth, or our own words, gets no praise for it."""
+    gae = sheet.read(sheet.find("04_ppo"))
+    (tmp_path / "04_ppo.py").write_text(gae, encoding="utf-8", newline="\n")
+    words = last_words(grade(tmp_path, "-k", "gae or wilson").stdout)
+    assert re.search(r"^gae ★★: solved, \d of \d tests pass, word for word as in the repository$",
+                     words, re.MULTILINE), words
+    assert "wilson ★: not handed in" in words
+    assert (f"{tmp_path.name}: 1 of 2 exercises solved, 2 of 3 stars; 1 word for word as in the "
+            "repository") in words
+    assert "what to mend in " + tmp_path.name in grade(tmp_path, "-k", "wilson").stdout, (
+        "a teacher must see whose it is")
 
 @pytest.mark.parametrize("make, mention", [(False, "there is no such folder"),
                                            (True, "neither a stage")])
@@ -204,10 +218,10 @@ def test_an_endless_loop_is_stopped(tmp_path, monkeypatch):
     start = time.monotonic()
     done = run("-c", "import sys, pytest\n"
                "class Hurry:\n"
-               "    def pytest_configure(self, config):\n"
-               "        for plugin in config.pluginmanager.get_plugins():\n"
+               "    def pytest_collection_finish(self, session):\n"
+               "        for plugin in session.config.pluginmanager.get_plugins():\n"
                "            if hasattr(plugin, 'PATIENCE'):\n"
-               "                plugin.PATIENCE = 1\n"
+               "                plugin.PATIENCE = 3\n"
                "sys.exit(pytest.main(sys.argv[1:], plugins=[Hurry()]))", "tests", "--stages",
                folder, "-k", "low_pass or wilson", "-p", "no:cacheprovider")
     words = last_words(done.stdout)
