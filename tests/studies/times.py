@@ -82,7 +82,7 @@ def plot(fastest, times, sim):
                      if (name, noise, std) in times]
             if parts:
                 axis.plot(*np.concatenate(parts, 1), ".", ms=3, color=kept.COLORS[name],
-                          label=name)
+                          label=name, alpha=0.5)
         end = np.nanmax(np.concatenate(list(fastest.values())))
         axis.plot([0, end], [0, end], "k", lw=1, label="as the reference")
         axis.set(title=f"{'with' if noise == 'yes' else 'without'} noise",
@@ -90,7 +90,7 @@ def plot(fastest, times, sim):
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("time to the goal [s]")
     axes[0].legend(fontsize=8, markerscale=3)
-    figure.suptitle(f"Every dot is a goal reached, near or far ({sim})")
+    figure.suptitle(f"How far from the least time? Every dot is a goal reached ({sim})")
     return figure
 
 if __name__ == "__main__":
