@@ -220,7 +220,7 @@ KILLED = """
     def train(out, resume=False):
         cfg = ppo.PPOConfig(num_envs=4, rollout=8, epochs=2, minibatch=16, checkpoint_every=2,
                             unsettled=0)
-        ppo.train(cfg, lambda n: env.FootstepVectorEnv(n, "pymunk", True, cores=1), out, 12 * 32,
+        ppo.train(cfg, lambda n: env.FootstepVectorEnv(n, "pymunk", True, cores=1), out, 90 * 32,
                   seed=5, resume=resume, progress=False)
 
     def dying(function, when, write=False):
@@ -262,11 +262,9 @@ def test_twenty_kills_change_no_weight(tmp_path):
     assert run("quiet", -1).returncode == 0
     for number in range(20):
         done = run("killed", number)
-        assert done.returncode in (0, -signal.SIGKILL), done.stderr.decode()[-2000:]
+        assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-2000:]
         for file in (tmp_path / "killed").glob("*.pt"):
             torch.load(file, weights_only=True)  # whole: the old one or the new one
-        if done.returncode == 0:
-            break
     last = run("killed", -1)
     assert last.returncode == 0, last.stderr.decode()[-2000:]
     quiet, killed = (torch.load(tmp_path / name / "policy.pt", weights_only=True)["state_dict"]
