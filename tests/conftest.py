@@ -13,6 +13,7 @@ import ast
 import contextlib
 import os
 import re
+import signal
 import sys
 import threading
 from pathlib import Path
@@ -44,6 +45,7 @@ def pytest_configure(config):
         raise pytest.UsageError(f"--stages {given}: neither a stage nor another exercise in there")
     sys.path.insert(0, str(folder))
     sys.dont_write_bytecode = True  # nothing of ours among a student's files
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background, too: `_patience`
     config.pluginmanager.register(Grading(config, folder))
 
 class Grading:
