@@ -1091,7 +1091,7 @@ def test_trials_given_back_with_goals_end_as_before(short_trials, monkeypatch, f
     evaluate.main(["--noise", "--episodes", "3", "--seed", "6", *flags, "--out", "one"])
     content = json.loads(Path("one/evaluation.json").read_text(encoding="utf-8"))
     spreads = [0.5, 1.0] if flags == ["--far"] else [0.5]
-    names = ["policy", "policy_imu", "baseline", "baseline_tuned"]
+    names = ["policy", "policy_imu", "baseline_tuned", "baseline"]
     assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
         *itertools.product(spreads, (False, True), names)], "far goals are a block of their own"
     first = told_trials("one")
