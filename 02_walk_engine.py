@@ -285,10 +285,7 @@ def random_plans(rng, limits, count):
     return within(rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3)), limits)
 
 def highest_speed(poses, fall, period):
-    """Speeds {direction: [m/s or rad/s]}: the fastest level below the first one that fell.
-
-    Rows of poses and fall as in `speed_plans`.
-    """
+    """{direction: [m/s, rad/s]} of rows as in `speed_plans`: fastest below the first that fell."""
     # speed = |way along the direction's axis| / (double steps that go, Σ PATTERN · period)
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):

@@ -8,7 +8,8 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
-    python 04_ppo.py --env Pendulum-v1 --steps 150000     another world, with a bounded Box action
+    python 04_ppo.py --env Pendulum-v1 --steps 150000     another world, with a bounded Box action;
+                                     what it shows and pays is normalised there
 
 Expect: success rises, falls sink; then policy.pt, learning_curve.csv and .png in runs/<sim>/, and
 checkpoint.pt to resume from. The goal is measured with noise (--no-noise: exactly).
@@ -33,8 +34,7 @@ stopped. Putting 0 there would tell the critic that walking well at 99 s is wort
 on the ground. So the missing sum is replaced by V of the LAST observation of that episode
 ("bootstrapping"), not by V of the next one's first; likewise where a rollout ends in mid-episode.
 
-Leaves out: the entropy bonus of [7], normalised observations, value clipping, a stop at a large KL,
-memory, GPUs.
+Leaves out: the entropy bonus of [7], value clipping, a stop at a large KL, memory, GPUs.
 
 [7] Schulman et al.: Proximal Policy Optimization Algorithms, 2017, arXiv 1707.06347.
 [8] Raffin et al.: Stable-Baselines3: Reliable Reinforcement Learning Implementations, 2021.
@@ -110,7 +110,7 @@ class ActorCritic(nn.Module):
         super().__init__()
         self.shape = {"obs_dim": int(obs_dim), "act_dim": int(act_dim), "hidden": list(hidden),
                       "normalize": normalize}
-        if normalize:  # running mean and variance of observations, and of sums of rewards
+        if normalize:  # mean and variance of observations and of Σ γᵏ·r: means over the rollouts
             self.seen, self.paid = (nn.BatchNorm1d(size, affine=False, momentum=None).eval()
                                     for size in (obs_dim, 1))
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
@@ -206,7 +206,7 @@ def judge(model, data, cfg):
     """(2) Advantage, the critic's target, log π_old, each [B], B = T·N; data: tensors [T, N, …]."""
     with torch.no_grad():
         values, rewards = model.value(data["obs"]), data["reward"]  # [T, N]
-        if cfg.normalize:
+        if cfg.normalize:  # r ← r / std of Σ γᵏ·r
             rewards = rewards / (model.paid.running_var + 1e-8).sqrt()
         advantages = gae(rewards, values, model.value(data["next_obs"]),
                          data["terminated"], data["truncated"], cfg.gamma, cfg.lam)

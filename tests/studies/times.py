@@ -90,7 +90,7 @@ def plot(fastest, times, sim):
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("time to the goal [s]")
     axes[0].legend(fontsize=8, markerscale=3)
-    figure.suptitle(f"How far from the least time? Every dot is a goal reached ({sim})")
+    figure.suptitle(f"Every dot is a goal reached; reference: the steps of `search` ({sim})")
     return figure
 
 if __name__ == "__main__":
