@@ -601,7 +601,8 @@ class Field:
                 path.append(torso)
                 self.axes.clear()
                 draw_walk(self.axes, {"goal": world.goal[0], "torso": np.array(path), "feet": feet})
-                self.axes.set(xlim=(-2, 2), ylim=(-2, 2), title="fell" if fell else "")
+                title = "fell" if fell else "press at a goal, drag to where the toes shall point"
+                self.axes.set(xlim=(-2, 2), ylim=(-2, 2), title=title)
                 yield
 
 def play(world, planner):

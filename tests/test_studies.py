@@ -27,7 +27,7 @@ EVERY = pytest.mark.parametrize("name", STUDIES)
 
 SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the others
     "baseline": {"ITERATIONS": 2, "POPULATION": 3, "ELITE": 2, "SETS": 1, "FINALISTS": 2,
-                 "WALKS": 2},
+                 "WALKS": 2, "QUIET": 1},
     "search": {"FACTORS": (0.5,), "CHANGES": (0.2, 1.0), "WALKS": 2, "FINALISTS": 1},
     "kicks": {"STEPS": 8, "SETS": 1, "SPEEDS": (0.0, 3.0)},
     "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
@@ -64,6 +64,7 @@ def made(tmp_path_factory):
                 ppo.save_policy(out / "policy.pt", model, {"fits": env.fingerprint(sim, imu)})
                 (out / "learning_curve.csv").write_text(
                     "steps,success,fall,time\n4096,nan,nan,nan\n8192,0.98,0,8\n12288,1,0,7\n")
+                (out / "settings.txt").write_text("as written above")
             for name in ("policy.pt", "learning_curve.csv"):
                 shutil.copyfile(kind / "seeds" / "0" / name, kind / name)
             (kind / "learning_curve.png").write_bytes(b"a picture")
@@ -217,6 +218,37 @@ def test_a_result_is_kept_under_everything_it_depends_on():
               (replace(robot, friction=0.4), env.Task(), b"policy")]
     for ingredients in others:
         assert common.digest(*ingredients) != first, "an old result would be taken for a new one"
+
+def test_a_shipped_training_is_not_made_again_unless_a_setting_has_changed(tiny, monkeypatch):
+    monkeypatch.undo()  # `tiny` replaces the training
+    monkeypatch.setattr(common, "RESULTS", tiny / "results")
+    monkeypatch.setattr(common, "RUNS", tiny / "runs")
+    monkeypatch.setattr(ppo, "STEPS", 4096)
+    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=8, rollout=8))
+    asked = []
+
+    def main(flags):
+        out = Path(flags[flags.index("--out") + 1])
+        out.mkdir()
+        asked.append(out)
+        row = {column: 0.0 for *_, columns in ppo.PANELS for column in columns} | {"steps": 64}
+        ppo.save_policy(out / "policy.pt", ppo.ActorCritic(20, 6), {"fits": {}})
+        (out / "learning_curve.csv").write_text(
+            ",".join(row) + "\n" + 2 * (",".join(map(str, row.values())) + "\n"))
+        (out / "learning_curve.png").write_bytes(b"a picture")
+
+    monkeypatch.setattr(ppo, "main", main)
+    first = kept.train("mujoco", 1)
+    for target, source in kept.to_ship({1: first}, 1).items():
+        common.copy(source, common.RESULTS / "mujoco" / target)
+    shutil.rmtree(common.RUNS)
+    again = kept.train("mujoco", 1)
+    assert len(asked) == 1, "results/ holds this very training"
+    assert {path.name for path in again.iterdir()} == {*kept.FILES, "learning_curve.png"}
+    kept.train("mujoco", 2)
+    monkeypatch.setattr(env, "Task", partial(env.Task, s_fall=7.0))
+    kept.train("mujoco", 1)
+    assert len(asked) == 3, "another seed, another reward: other trainings"
 
 def test_an_interrupted_study_takes_up_its_finished_trials(tiny):
     asked = []

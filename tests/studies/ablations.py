@@ -94,19 +94,22 @@ def ablate(sim, name, seed):
     kind = GaussianActor if variant.get("model") else ppo.ActorCritic
     model, log = kept.learn(out, cfg, make_envs, STEPS, seed, about={"fits": fits}, progress=False,
                             make_model=kind)
-    planner = (HiddenPlanner if hide else evaluate.PolicyPlanner)(model, imu)
-    world, parts = env.FootstepWorld(kept.PER_SEED, sim, cores=1), []
-    for far in (False, True):
-        asked = evaluate.draw_trials(kept.FIRST, kept.PER_SEED // 2, far)
-        parts.append(evaluate.evaluate(planner, world, asked, noise=True))
-    world.close()
-    ended = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    ended = walks((HiddenPlanner if hide else evaluate.PolicyPlanner)(model, imu), sim)
     curve = [[row["steps"], round(row["success"], 4)] for row in log
              if not np.isnan(row["success"])]
     row = {"variant": name, "seed": seed, "curve": curve, "learned_after": learned_after(curve),
            **evaluate.summary("policy", True, None, ended, env.Task())}
     common.write(out / "result.json", common.as_json(row))
     return row
+
+def walks(planner, sim):
+    """250 near and 250 far noisy trials on one core, as arrays of `evaluate`."""
+    world, parts = env.FootstepWorld(kept.PER_SEED, sim, cores=1), []
+    for far in (False, True):
+        asked = evaluate.draw_trials(kept.FIRST, kept.PER_SEED // 2, far)
+        parts.append(evaluate.evaluate(planner, world, asked, noise=True))
+    world.close()
+    return {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
 
 def learned_after(curve, share=0.8, window=3):
     """Thousands of double steps until that share of the episodes succeeds, or None.

@@ -4,6 +4,7 @@ The 500 goals of evaluation seed 0 are those of stage 5's table (and of times.py
 the seeds 1, 2, 3, …, 500 goals each. No training and no tuning ever sees any of them.
 """
 
+import csv
 import os
 from dataclasses import asdict, replace
 from importlib import import_module
@@ -27,12 +28,20 @@ COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:ora
 
 
 # ------------------------------------------------------------------------ trainings
+FILES = ("policy.pt", "learning_curve.csv", "settings.txt")  # of a training that is shipped
+
 def train(sim, seed, imu=False):
-    """The folder of a training; made by the command that a user would give, unless it is there."""
+    """The folder of a training; made by the command that a user would give, unless it is there.
+
+    If the very same training is shipped in results/, that one is taken.
+    """
     settings = env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel(), ppo.PPOConfig()
-    name = f"train{'_imu' * imu}_{seed}_{common.digest(*settings, ppo.STEPS)}"
-    out = common.work(sim) / name
-    if not (out / "learning_curve.png").is_file():  # the last file that it writes
+    made_of = common.digest(*settings, ppo.STEPS)
+    out = common.work(sim) / f"train{'_imu' * imu}_{seed}_{made_of}"
+    picture = out / "learning_curve.png"  # the last file that a training writes
+    if not picture.is_file():
+        take_shipped(sim, seed, imu, out, made_of)
+    if not picture.is_file():
         flags = ["--seed", str(seed), "--steps", str(ppo.STEPS), "--out", str(out)]
         flags += ["--mujoco"] * (sim == "mujoco") + ["--imu"] * imu
         flags += ["--resume"] * (out / "checkpoint.pt").is_file()
@@ -43,7 +52,20 @@ def train(sim, seed, imu=False):
             if stop.code == 130:
                 raise KeyboardInterrupt from stop
             raise
+    common.write(out / "settings.txt", made_of + "\n")
     return out
+
+def take_shipped(sim, seed, imu, out, made_of):
+    """A training that is shipped, if it is of these settings, as if it had just been made."""
+    folder = common.RESULTS / sim / ("imu" * imu) / "seeds" / str(seed)
+    stamp = folder / "settings.txt"
+    if stamp.is_file() and stamp.read_text(encoding="utf-8").strip() == made_of:
+        for name in FILES:
+            common.copy(folder / name, out / name)
+        with open(out / "learning_curve.csv", encoding="utf-8", newline="") as file:
+            curve = [{name: float(value) for name, value in row.items()}
+                     for row in csv.DictReader(file)]
+        ppo.plot_learning_curve(curve, out / "learning_curve.png", f"PPO on {sim}, seed {seed}")
 
 def learn(out, cfg, make_envs, steps, seed, **more):
     """`ppo.train`, continued if it was interrupted."""
@@ -60,10 +82,10 @@ def median_seed(rows):
 
 def to_ship(folders, median, prefix=""):
     """Findings.files: the median of the trainings, and all of them as evidence."""
-    policy, curve, picture = "policy.pt", "learning_curve.csv", "learning_curve.png"
     files = {f"{prefix}seeds/{seed}/{name}": folder / name
-             for seed, folder in folders.items() for name in (policy, curve)}
-    return files | {prefix + name: folders[median] / name for name in (policy, curve, picture)}
+             for seed, folder in folders.items() for name in FILES}
+    shown = "policy.pt", "learning_curve.csv", "learning_curve.png"
+    return files | {prefix + name: folders[median] / name for name in shown}
 
 
 # ------------------------------------------------------------------------ planners
