@@ -544,7 +544,7 @@ def test_reward_formulas_for_many_robots_are_those_of_each_alone():
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
     goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
     world, everybody = make(env.FootstepWorld, 4, sim, cores=1), np.arange(4)
-    world.reset(everybody, goals=goals)
+    world.reset(everybody, [np.random.default_rng(i) for i in everybody], goals)
     total = {name: np.zeros(4) for name in ("r_d", "r_a", "r_o")}
     for _ in range(12):
         poses, last = world.pose.copy(), world.actions[:, 0].copy()

@@ -157,6 +157,7 @@ def test_an_impossible_environment_is_an_error(make):
     assert len(str(caught.value).splitlines()) == 1
 
 # ------------------------------------------------------------------------ surroundings
+@pytest.mark.slow
 def test_a_bare_surrounding_is_enough(tmp_path):
     """No HOME, a backend without its display, an ASCII console, a read-only folder."""
     folder = tmp_path / "read only"

@@ -343,6 +343,7 @@ def told_to_train(arguments, monkeypatch):
         ppo.main(arguments)
     return told
 
+@pytest.mark.slow
 def test_a_short_training_improves_the_pendulum(tmp_path, monkeypatch):
     told = told_to_train(["--env", "Pendulum-v1", "--out", str(tmp_path)], monkeypatch)
     cfg = replace(told["cfg"], unsettled=0)  # all episodes are equally long: none is left out

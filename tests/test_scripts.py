@@ -72,6 +72,7 @@ def test_empty_axes_are_no_picture(tmp_path, legend):
 
 
 # ------------------------------------------------------------------------ small runs
+@pytest.mark.slow
 @pytest.mark.parametrize("script, pictures, text", [
     ("01_robot_model.py", ["01_robot.png"], "of 64 fell"),
     ("02_walk_engine.py", ["02_plan.png", "02_walk.png"], "forward"),
@@ -137,6 +138,7 @@ def test_tuning_prints_a_line_to_paste(tmp_path, monkeypatch, capsys):
     pasted = eval(capsys.readouterr().out, {"WalkParameters": engine.WalkParameters})
     assert pasted == engine.TUNED["mujoco"]
 
+@pytest.mark.slow
 def test_train_a_little_in_mujoco(tmp_path):
     """In this process: an update of 04_ppo.py with its own settings takes a while."""
     ppo, env = import_module("04_ppo"), import_module("03_env")
