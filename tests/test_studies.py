@@ -248,7 +248,18 @@ def test_a_shipped_training_is_not_made_again_unless_a_setting_has_changed(tiny,
     kept.train("mujoco", 2)
     monkeypatch.setattr(env, "Task", partial(env.Task, s_fall=7.0))
     kept.train("mujoco", 1)
-    assert len(asked) == 3, "another seed, another reward: other trainings"
+    spread = kept.robot_model.Spread
+    monkeypatch.setattr(kept.robot_model, "Spread", partial(spread, friction=0.0))
+    kept.train("mujoco", 1)
+    assert len(asked) == 4, "another seed, another reward, other worlds: other trainings"
+
+def test_shipped_trainings_are_of_the_settings_of_today():
+    stamps = sorted((common.ROOT / "results").rglob("settings.txt"))
+    assert stamps, "the trainings of the recipe are shipped"
+    for path in stamps:
+        sim, imu = path.relative_to(common.ROOT / "results").parts[0], "imu" in path.parts
+        assert path.read_text(encoding="utf-8").strip() == kept.settings_of(sim, imu), (
+            f"{path.parent}: made of other settings; train it again (tests/studies/seeds.py)")
 
 def test_an_interrupted_study_takes_up_its_finished_trials(tiny):
     asked = []

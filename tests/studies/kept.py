@@ -30,13 +30,17 @@ COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:ora
 # ------------------------------------------------------------------------ trainings
 FILES = ("policy.pt", "learning_curve.csv", "settings.txt")  # of a training that is shipped
 
+def settings_of(sim, imu=False):
+    """Ten letters that change when a training would be another one."""
+    return common.digest(env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel(),
+                         robot_model.Spread(), ppo.PPOConfig(), ppo.STEPS)
+
 def train(sim, seed, imu=False):
     """The folder of a training; made by the command that a user would give, unless it is there.
 
     If the very same training is shipped in results/, that one is taken.
     """
-    settings = env.fingerprint(sim, imu), env.Task(), robot_model.RobotModel(), ppo.PPOConfig()
-    made_of = common.digest(*settings, ppo.STEPS)
+    made_of = settings_of(sim, imu)
     out = common.work(sim) / f"train{'_imu' * imu}_{seed}_{made_of}"
     picture = out / "learning_curve.png"  # the last file that a training writes
     if not picture.is_file():

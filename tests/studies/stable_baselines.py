@@ -28,7 +28,7 @@ try:
 except ImportError:  # it is told when the study begins
     stable_baselines3, BaseCallback, SubprocVecEnv, VecEnv = None, object, object, object
 
-DURATION = {"pymunk": "about 25 minutes on two cores", "mujoco": "about 90 minutes on two cores"}
+DURATION = {"pymunk": "25 minutes, estimated", "mujoco": "90 minutes, estimated"}
 STEPS, PROCESSES = 100_000, 8
 GAUSSIAN = replace(ppo.PPOConfig(), sharpest=1.0)
 KINDS = {"ours, Beta": "tab:blue", "ours, Gaussian": "tab:green",
