@@ -362,7 +362,6 @@ SEARCH = {  # tuned parameters and their ranges: those of [5], some made wider
     "pitch_per_step": (-1.0, 1.0), "pitch_per_turn": (-0.5, 0.5), "trunk_roll": (-0.02, 0.12),
 }
 PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
-ENOUGH = 0.008  # [m] of clearance; more is not rewarded
 
 def score(sim, measured):
     """What tuning maximises; see `measure`.
@@ -374,7 +373,7 @@ def score(sim, measured):
     real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # as commanded
     worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
     off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
-    feet = min(measured["clearance"][0], ENOUGH) / ENOUGH
+    feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
     return (np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off)
             + feet)
 
@@ -388,14 +387,11 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
     low, high = np.array([SEARCH[k] for k in names]).T
     rng = np.random.default_rng(seed)
     mean, spread = np.array([getattr(TUNED[sim], k) for k in names]), (high - low) / 10
-
-    def parameters(x):
-        return replace(TUNED[sim], **{k: round(float(v), 4) for k, v in zip(names, x)})
-
     for iteration in range(iterations):
         drawn = np.clip(mean + spread * rng.normal(size=(population, len(names))), low, high)
         drawn[0] = mean
-        seen = [measure(sim, parameters(x), iteration) for x in drawn]  # the same worlds for all
+        tried = [replace(TUNED[sim], **dict(zip(names, x.round(4).tolist()))) for x in drawn]
+        seen = [measure(sim, one, iteration) for one in tried]  # the same worlds for all
         scores = [score(sim, measured) for measured in seen]
         best = np.argsort(scores)[::-1][:elite]
         # Seven samples are noisy: keep some of the old distribution.
@@ -403,7 +399,7 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
         spread = 0.5 * spread + 0.5 * drawn[best].std(0)
         print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
               f"{in_words(seen[0])}", flush=True)
-    return parameters(mean)
+    return replace(TUNED[sim], **dict(zip(names, mean.round(4).tolist())))
 
 def in_words(measured):
     """The worst and the typical of `measure` in a line."""

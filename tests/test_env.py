@@ -58,6 +58,18 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
         check_env(one.unwrapped, skip_render_check=True)
     one.close()
 
+@BOTH
+def test_stable_baselines_finds_nothing_to_complain_about(sim):
+    """Skipped without it; our vector environment with it: tests/studies/stable_baselines.py."""
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    one = gym.make("Footsteps-v0", sim=sim)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Its Gaussian policies like −1…1; a Beta policy, ours, has 0…1.
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized Box action space")
+        checker.check_env(one.unwrapped)
+    one.close()
+
 def test_make_vec_gives_the_vector_environment():
     envs = gym.make_vec("Footsteps-v0", num_envs=3, vectorization_mode="vector_entry_point",
                         cores=1)

@@ -6,6 +6,7 @@ In every Markdown file of tests/exercises a name in backticks like `03.polar`, `
 
 import ast
 import re
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -23,11 +24,13 @@ def lines(page):
     """(number, line) of a page."""
     return list(enumerate((BOOKS / page).read_text(encoding="utf-8").splitlines(), 1))
 
+@cache
 def headings(page):
     """The words that name the exercises of a page: `## lean: At which lean …`."""
     found = (re.match(r"## (\w+):", line) for _, line in lines(page))
     return {match[1] for match in found if match}
 
+@cache
 def names_in(module):
     """Names of the test functions in a file, or None without such a file."""
     path = TESTS / f"{module}.py"

@@ -102,6 +102,7 @@ def test_default_folder_is_runs_and_the_simulator(tmp_path, monkeypatch):
         for name in ("02_plan.png", "02_walk.png"):
             check_picture(tmp_path / "runs" / sim / name)
 
+@pytest.mark.slow
 def test_leaning_robots_are_drawn_by_the_seed(tmp_path, monkeypatch, capsys):
     shown = []
     for seed in (1, 2):

@@ -20,8 +20,8 @@ workbook, sheet = import_module("workbook"), import_module("sheet")
 BOOK = workbook.BOOK
 NAMES = pytest.mark.parametrize("name", BOOK)
 WRONG = sorted((FOLDER / "wrong").glob("*.py"))
-QUICK = {path.stem.split("__")[0]: path for path in reversed(WRONG)}  # the first one of each
-QUICK.pop("improve")  # its tests train: the slow part has it
+FIRST = {path.stem.split("__")[0]: path for path in reversed(WRONG)}  # the first one of each
+FIRST.pop("improve")  # its tests train: the slow part has it
 
 def run(*arguments, cwd=ROOT, **environment):
     """A finished process of Python."""
@@ -284,8 +284,8 @@ def test_wrong_solutions_are_enough_and_say_what_is_wrong():
         says(path)
     assert min(count.values()) >= 2 and len(WRONG) >= 40, count
 
-def test_one_wrong_solution_of_nearly_every_exercise_is_rejected():
-    check(QUICK.values())
+def test_a_wrong_solution_of_every_third_exercise_is_rejected():
+    check(list(FIRST.values())[::3])
 
 @pytest.mark.slow
 def test_every_wrong_solution_is_rejected_with_words_that_fit():
