@@ -435,10 +435,11 @@ def main():
     envs.close()
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    for name, word in zip(terms[0], words):  # of the hand-written planner
-        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), label=f"{name}: {word}")
-    axis.set(title=f"Robot 0 with the hand-written planner, several episodes ({args.sim})",
-             xlabel="double step", ylabel="sum of rewards so far [1]")
+    for name, word, style in zip(terms[0], words, ("-", "--", ":", "-.", "x", "o-", "+")):
+        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), style, markevery=5,
+                  label=f"{name}: {word}")  # of the hand-written planner
+    axis.set(title=f"What each reward has paid robot 0, hand-written planner ({args.sim})",
+             xlabel="double step (several episodes)", ylabel="sum of rewards so far [1]")
     axis.legend(ncols=2)
     axis.grid(alpha=0.3)
     figure.savefig(out / "03_rewards.png", dpi=110)

@@ -420,21 +420,22 @@ class Run:
 
 # ------------------------------------------------------------------------ the picture
 PANELS = (  # title, label of the vertical axis, columns
-    ("How episodes end (while exploring)", "share of episodes [1]", ("success", "timeout", "fall")),
-    ("Time to the goal", "simulated time [s]", ("time",)),
-    ("Return, not discounted", "sum of rewards per episode [1]", ("return",)),
-    ("How much it explores (below 0 is normal)", "entropy of the policy [nats]", ("entropy",)),
-    ("How far an update moves the policy", "share [1], KL [nats]", ("clip_fraction", "approx_kl")),
-    ("How well the critic predicts", "explained variance [1]", ("explained_variance",)),
+    ("Exploring: success rises, falls sink", "share of walks [1]", ("success", "timeout", "fall")),
+    ("The way to the goal takes less time", "simulated time [s]", ("time",)),
+    ("The return rises (not discounted)", "sum of rewards per episode [1]", ("return",)),
+    ("It explores less (below 0 is normal)", "entropy of the policy [nats]", ("entropy",)),
+    ("Updates move the policy less", "share; KL [nats]", ("clip_fraction", "approx_kl")),
+    ("Can the critic predict?", "explained variance [1]", ("explained_variance",)),
 )
 
 def plot_learning_curve(rows, path, title):
     """Every panel of the log; each dot is an update."""
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
-    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), layout="constrained")
+    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), sharex=True, layout="constrained")
     for axes, (name, unit, columns) in zip(grid.flat, PANELS):
-        for column in columns:  # nan where nothing was reported
-            axes.plot(steps, [row[column] for row in rows], ".-", lw=0.5, label=column)
+        for column, style in zip(columns, (".-", "x-", "^-")):
+            y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
+            axes.plot(steps[y == y], y[y == y], style, ms=4, lw=0.5, label=column)
         axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]",
                  xscale="log")  # most of it is learned at the beginning
         axes.grid(alpha=0.3)

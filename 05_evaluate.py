@@ -62,7 +62,7 @@ PAPER = {  # Table II by (planner, noise): success, timeout, fall, success time 
     ("policy", True): (0.978, 0.000, 0.022, 6.35, 2.23),
     ("baseline", True): (0.910, 0.078, 0.012, 11.43, 5.11),
 }
-FIGURE_GOALS = np.array([[-0.7, 0.6, 2.6], [0.9, -0.6, 1.6]])  # x, y [m], yaw [rad]; our choice
+FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
 InputError = ppo.PolicyError  # of whatever the user gives: a line that says why
 
 class StaleError(InputError):
@@ -531,7 +531,7 @@ def plot_footsteps(columns, path):
     ppo.atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
     plt.close(figure)
 
-def plot_race(walks, path, robot, every=20):
+def plot_race(walks, path, robot, every=10):
     """Walks to one goal by planner, at twice their speed; the first one also from the side."""
     name, first = next(iter(walks.items()))
     last, torso = max(len(walk["torso"]) for walk in walks.values()) - 1, first["torso"]
@@ -542,14 +542,14 @@ def plot_race(walks, path, robot, every=20):
     temporary = path.with_name(path.stem + ".tmp.gif")  # Pillow wants the ending .gif
     writer = PillowWriter(fps=2 / (every * robot.control_dt))
     with writer.saving(figure, temporary, dpi=75):
-        for tick in (*range(0, last, every), *[last] * 15):  # the end stays a while
+        for tick in (*range(0, last, every), *[last] * 30):  # the end stays a while
             side.clear()
             top.clear()
             now = min(tick, len(way) - 1)
             robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
             side.axhline(0, color="black", lw=1)
             side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
-                     xlabel="way walked [m]", ylabel="z [m]", title=f"{name}, from the side")
+                     xlabel="along its heading [m]", ylabel="z [m]", title=f"{name}, from the side")
             for k, (key, walk) in enumerate(walks.items()):
                 color = ("black", "tab:purple")[k]
                 draw_walk(top, walk, min(tick + 1, len(walk["torso"])), color, (1.0, 0.4)[k])
@@ -557,7 +557,7 @@ def plot_race(walks, path, robot, every=20):
                 clock = clock if tick + 1 < len(walk["torso"]) else ending(walk)
                 top.text(0.02, 0.95 - 0.06 * k, f"{key}: {clock}", color=color,
                          transform=top.transAxes)
-            top.set(xlim=(-1.3, 0.4), ylim=(-0.4, 1.0), title="from above")
+            top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0), title="from above, goal: green")
             writer.grab_frame()
     os.replace(temporary, path)
     plt.close(figure)

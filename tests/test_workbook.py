@@ -5,6 +5,7 @@ import ast
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import time
@@ -182,6 +183,11 @@ def test_a_submission_of_one_file_is_graded_from_any_folder(tmp_path):
     assert len(words.splitlines()) <= 12, "the hints come last, and in a few lines"
     assert "wilson" not in words
 
+def test_the_command_of_the_sheets_works_word_for_word():
+    done = run(*shlex.split(workbook.command("beta_mode", "tests/exercises"))[1:])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "beta_mode ★: solved" in last_words(done.stdout)
+
 def test_a_file_that_cannot_be_imported_is_told_at_last(tmp_path):
     (tmp_path / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
     done = grade(tmp_path, "-k", "gae")
@@ -210,7 +216,7 @@ def test_a_wrong_folder_is_one_line(tmp_path, make, mention):
     assert done.returncode == 4 and mention in done.stderr and "Traceback" not in done.stderr
 
 def test_an_endless_loop_is_stopped(tmp_path, monkeypatch):
-    conftest = (ROOT / "tests" / "conftest.py").read_text(encoding="utf-8")
+    conftest = (ROOT / "conftest.py").read_text(encoding="utf-8")
     assert "PATIENCE = 60 " in conftest
     folder = submission(tmp_path / "slow", low_pass=(
         "def low_pass(velocity, command, seconds, time_constant):\n"

@@ -1,6 +1,6 @@
 """The one list of the exercises in which a function is to be written.
 
-sheet.py empties these functions, ../conftest.py grades them, ../test_workbook.py checks that
+sheet.py empties these functions, ../../conftest.py grades them, ../test_workbook.py checks that
 README.md beside this file agrees.
 """
 
@@ -65,4 +65,4 @@ def graded_by(exercise, module, test):
 
 def command(name, folder="exercises"):
     """How it is graded, from the root of the repository."""
-    return f"python -m pytest tests --stages {folder} -k {name}"
+    return f"python -m pytest --stages {folder} -k {name}"

@@ -11,6 +11,7 @@ import ast
 import json
 import re
 import sys
+import textwrap
 
 import common
 
@@ -78,8 +79,9 @@ def studies_page():
     return "\n".join(lines) + "\n"
 
 def readme_table():
-    """The table of README: 3-D, with noise, both blocks."""
-    rows = [row for row in evaluation("mujoco")["rows"] if row["noise"]]
+    """The table of README: 3-D, with noise; far only those who race."""
+    rows = [row for row in evaluation("mujoco")["rows"] if row["noise"] and (
+        row["goal_std_m"] < 1 or row["planner"] not in ("search", "baseline"))]
     rows.sort(key=lambda row: (row["goal_std_m"], SHOWN.index(row["planner"])))
     cells = [[f"σ {row['goal_std_m']} m", f"`{row['planner']}`",
               common.with_interval(row, "success"), common.number(row["fall"], 3),
@@ -89,8 +91,58 @@ def readme_table():
             "still there"]
     return common.markdown(head, cells)
 
+def percent(share):
+    """0.031 as 3.1 %."""
+    return f"{100 * share:.1f} %"
+
+def findings():
+    """What README says we found; every number comes from the files of the studies."""
+    tuned, search, seeds = (common.read_json(common.RESULTS / "mujoco" / "studies" / f"{name}.json")
+                            for name in ("baseline", "search", "seeds"))
+
+    def mean(key, planner, std):
+        """With noise; of the policy the mean over its trainings."""
+        found = [row[key] for row in seeds["rows"] if row["noise"]
+                 and (row["planner"], row["goal_std_m"]) == (planner, std)]
+        return sum(found) / len(found)
+
+    slow, hard = (sum(falls) / len(falls) for falls in (
+        [row["fall"] for row in seeds["ground"] if (row["friction"], row["goal_std_m"]) == (mu, 1)]
+        for mu in (0.4, 1.0)))
+    hunts = next(row for row in evaluation("mujoco")["rows"]
+                 if (row["planner"], row["noise"], row["goal_std_m"]) == ("search", True, 0.5))
+    safest = min(search["finalists"], key=lambda row: row["fall"])
+    share = mean("time_mean", "baseline_tuned", 0.5) / mean("time_mean", "baseline", 0.5)
+    kept = sum(promise["kept"] for promise in seeds["promises"])
+    found = (
+        f"""*A carrot is a strong opponent once all its settings are tuned* in the world they are
+        used in: near goals take it {100 * share:.0f} % of the time of the same controller as its
+        team configured it. ({len(tuned["tried"])} settings were tried; of the ten best,
+        {tuned["rule"]}.)""",
+        f"""*Search is not fast.* Knowing what every double step does is not knowing what the next
+        measurement says. The safest of {len(search["tried"])} settings keeps to
+        {100 * safest["factor"]:.0f} % of the step limits, and falls in {percent(safest["fall"])} of
+        the walks.""",
+        f"""*To stay is harder than to pass through.* Search first touches a near goal after
+        {hunts["time_once_mean"]:.1f} s and stays after {hunts["time_mean"]:.1f} s: it hunts around
+        it.""",
+        f"""*The paper's baseline shuffles:* it runs out of time in
+        {percent(mean("timeout", "baseline", 0.5))} of the walks to near goals and
+        {percent(mean("timeout", "baseline", 1))} to far ones; in the paper in 3 to 8 %.""",
+        f"""*The policy wins by being quick, not by being safe.* Over three trainings and
+        {seeds["goals"]:,} goals a block its time is
+        {mean("over_baseline_tuned", "policy", 0.5):.3f} (near) and
+        {mean("over_baseline_tuned", "policy", 1):.3f} (far) of the tuned baseline's, but it falls
+        in {percent(mean("fall", "policy", 1))} of the far walks; the tuned baseline falls in
+        {percent(mean("fall", "baseline_tuned", 1))}, and we wanted 0.6 %. It keeps {kept} of our
+        {len(seeds["promises"])} promises.""",
+        f"""*Grip is dangerous.* Where the ground is slippery (μ = 0.4), {percent(slow)} of the far
+        walks end in a fall; where it holds (μ = 1), {percent(hard)}.""")
+    wrap = textwrap.TextWrapper(105, initial_indent="- ", subsequent_indent="  ")
+    return "".join(wrap.fill(" ".join(text.split())) + "\n" for text in found)
+
 def with_table(page, name, table):
-    """A page with the table of today between its two comments."""
+    """A page with the text of today between its two comments."""
     begin, end = f"<!-- {name} -->\n", "<!-- end -->"
     head, rest = page.split(begin)
     return head + begin + table + end + rest.split(end, 1)[1]
@@ -101,8 +153,10 @@ def pages():
     exercises, readme = common.ROOT / "tests" / "exercises", common.ROOT / "README.md"
     contest = exercises / "projects.md"
     field = judge.ranking(judge.noisy(common.RESULTS / "mujoco" / "evaluation.json"))
-    for page, name, table in ((readme, "table", readme_table()), (contest, "contest", field)):
-        found[page] = with_table(page.read_text(encoding="utf-8"), name, table)
+    for page, name, table in ((readme, "table", readme_table()), (readme, "findings", findings()),
+                              (contest, "contest", field)):
+        old = found.get(page) or page.read_text(encoding="utf-8")
+        found[page] = with_table(old, name, table)
     return found | {common.RESULTS / "STUDIES.md": studies_page()}
 
 def main():

@@ -61,7 +61,7 @@ def plot(falls, sim):
     place, length, tilt, ground = axes
     for name, rows in falls.items():
         x, y, _, now, before, pitch, moment, mu = rows.T
-        kw = {"s": 18, "facecolors": "none", "edgecolors": kept.COLORS[name], "alpha": 0.6,
+        kw = {"s": 18, "color": kept.COLORS[name], "marker": kept.MARKERS[name], "alpha": 0.5,
               "label": f"{name}: {len(x)} falls"}
         place.scatter(x, y, **kw)
         length.scatter(before, now, **kw)

@@ -23,8 +23,10 @@ SEEDS = (0, 1, 2)  # of the trainings
 FIRST = 1  # evaluation seed of the first set of goals
 PER_SEED = 500  # goals in a set
 TILTED = 0.25  # [rad] a pitch of the torso, in either direction, that announces a fall
-COLORS = {"policy": "tab:blue", "policy_imu": "tab:purple", "baseline": "tab:orange",
-          "baseline_tuned": "tab:green", "search": "tab:red"}
+# Told apart without red and green, and in grey (after Okabe and Ito).
+COLORS = {"policy": "#0072b2", "policy_imu": "#cc79a7", "baseline": "#e69f00",
+          "baseline_tuned": "black", "search": "#56b4e9"}
+MARKERS = {"policy": "o", "policy_imu": "s", "baseline": "+", "baseline_tuned": "^", "search": "x"}
 
 
 # ------------------------------------------------------------------------ trainings

@@ -136,10 +136,11 @@ def plot(rows, names):
     for shift, name in enumerate(names):
         own = [row for row in rows if row["planner"] == name]
         x, kw = np.array(SPEEDS) + 0.004 * shift, {"color": kept.COLORS[name], "label": name}
-        axes[0].plot(x, [row["fall"] for row in own], ".-", **kw)
+        axes[0].plot(x, [row["fall"] for row in own], f"{kept.MARKERS[name]}-", **kw)
         axes[0].vlines(x, *np.transpose([row["fall_ci95"] for row in own]), alpha=0.4,
                        color=kept.COLORS[name])
-        axes[1].plot(x, np.array([row["time_mean"] for row in own], float), ".-", **kw)
+        axes[1].plot(x, np.array([row["time_mean"] for row in own], float),
+                     f"{kept.MARKERS[name]}-", **kw)
     axes[0].set(title="falls; lines: 95 % intervals", ylabel="share of walks [1]")
     axes[1].set(title="time of successes", ylabel="mean [s]", ylim=(0, None))
     for axis in axes:

@@ -36,7 +36,7 @@ def plot(rows, names, sim):
         x = np.array(SIZES) * NOISE_CM + 0.1 * shift  # side by side
         for axis, key in zip(axes, ("success", "fall", "time_mean")):
             y = np.array([row[key] for row in own], float)  # None becomes nan
-            axis.plot(x, y, ".-", color=kept.COLORS[name], label=name)
+            axis.plot(x, y, f"{kept.MARKERS[name]}-", ms=4, color=kept.COLORS[name], label=name)
             if f"{key}_ci95" in own[0]:
                 edges = np.transpose([row[f"{key}_ci95"] for row in own])
                 axis.vlines(x, *edges, color=kept.COLORS[name], alpha=0.4, lw=1)

@@ -153,7 +153,8 @@ def plot(tried, sim, best):
     for rows, name in ((carrots, "baseline_tuned"), (tried, "search")):
         known = [(row["time"], row["fall"]) for row in rows if row["time"] is not None]
         label = f"{name}: {len(known)} settings"
-        axis.plot(*np.transpose(known), "o", ms=6, color=kept.COLORS[name], label=label, alpha=0.5)
+        axis.plot(*np.transpose(known), kept.MARKERS[name], ms=6, color=kept.COLORS[name],
+                  label=label, alpha=0.7)
     kept_one = next(row for row in tried
                     if all(row[key] == best[key] for key in ("factor", "change")))
     axis.plot(kept_one["time"], kept_one["fall"], "o", ms=11, mfc="none", mec="black",

@@ -20,6 +20,7 @@ SETS, GROUND_SETS = 4, 2  # of 500 goals
 BLOCKS = tuple(itertools.product((False, True), (False, True)))  # far, noise
 STD = {False: kept.env.Task().goal_std_m, True: kept.env.Task().far_std_m}  # [m]
 FRICTIONS = (0.4, 0.5, 0.7, 1.0)  # [-] μ
+GROUND_LIMITS = {False: 0.008, True: 0.010}  # what we promise of the falls on each: near, far
 COLUMNS = {"success": 4, "fall": 4, "timeout": 4, "still_there": 4, "time_mean": 2,
            "over_baseline_tuned": 3, "over_search": 3}  # digits
 HEAD = ("goals", "noise", "planner", "success", "fall", "timeout", "still there", "time [s]",
@@ -46,10 +47,10 @@ def study(sim):
         row = kept.row_of(own, "policy", True, far)
         ground.append({"seed": seed, "friction": friction, **row})
     trials.close()
-    curves = {seed: np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
-              for seed, folder in folders.items()}
+    curves = [np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
+              for folder in folders.values()]
     median = choose(rows)
-    promised = promises(rows, ground, [learned_after(curve) for curve in curves.values()])
+    promised = promises(rows, ground, [learned_after(curve) for curve in curves])
     content = {"goals": SETS * kept.PER_SEED, "median_seed": median, "rows": rows,
                "ground": ground, "promises": promised}
     lines = [[p["what"], f"{p['sign']} {p['limit']:.{p['digits']}f}",
@@ -57,7 +58,7 @@ def study(sim):
              for p in promised]
     text = "\n".join([table(rows, median), ground_table(ground),
                       common.markdown(["mean over the seeds", "promised", "found", "kept"], lines)])
-    return common.Findings(content, text, plot(curves, sim), kept.to_ship(folders, median))
+    return common.Findings(content, text, plot(ground, sim), kept.to_ship(folders, median))
 
 def pick(rows, far, noise=True, **more):
     """The rows of a block."""
@@ -94,7 +95,7 @@ def promises(rows, ground, learned):
         promise(f"time ÷ baseline_tuned, {where}", mean["over_baseline_tuned"], "≤", 0.80)
         if far:
             promise(f"time [s], {where}", mean["time_mean"], "≤", 7.0, 2)
-    for far, limit in ((False, 0.008), (True, 0.010)):
+    for far, limit in GROUND_LIMITS.items():
         worst = max(ground_means(ground, far))
         promise(f"fall at the worst μ, {'far' if far else 'near'}", worst, "≤", limit, 4)
     steps = None if None in learned else float(np.mean(learned))
@@ -141,18 +142,23 @@ def learned_after(curve, share=0.98):
     reached = np.flatnonzero(np.array(smooth(np.atleast_1d(curve["success"]))) >= share)
     return float(np.atleast_1d(curve["steps"])[reached[0]]) if len(reached) else None
 
-def plot(curves, sim):
-    """The learning curves, each the mean of the last eight updates."""
-    figure, axes = common.plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
-    labels = {"success": "share of episodes [1]", "fall": "share of episodes [1]",
-              "time": "simulated time of successes [s]"}
-    for seed, curve in curves.items():
-        for axis, (key, label) in zip(axes, labels.items()):
-            axis.plot(curve["steps"] / 1000, smooth(curve[key]), lw=1.2, label=f"seed {seed}")
-            axis.set(title=key, ylabel=label, xlabel="double steps of all robots [thousands]")
-            axis.grid(alpha=0.3)
-    axes[0].legend()
-    figure.suptitle(f"{len(curves)} trainings, while exploring, near and far ({sim})")
+def plot(ground, sim):
+    """Falls over the friction of the ground: every training, and the mean of them."""
+    figure, axes = common.plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained", sharey=True)
+    walks = GROUND_SETS * kept.PER_SEED
+    for axis, (far, limit) in zip(axes, GROUND_LIMITS.items()):
+        for seed, marker in zip(kept.SEEDS, "o^x"):
+            shares = [row["fall"] for row in pick(ground, far, seed=seed)]
+            axis.plot(FRICTIONS, shares, marker, color=kept.COLORS["policy"], alpha=0.7,
+                      label=f"training seed {seed}, {walks:,} walks a dot")
+        axis.plot(FRICTIONS, ground_means(ground, far), color=kept.COLORS["policy"], label="mean")
+        axis.axhline(limit, color="0.6", lw=1, label="what we promise of the mean")
+        axis.set(title=f"{'far' if far else 'near'} goals", xlabel="friction of the ground μ [-]",
+                 xticks=FRICTIONS)
+        axis.grid(alpha=0.3)
+    axes[0].set(ylabel="share of walks that fall [1]", ylim=(-0.0005, None))
+    axes[0].legend(fontsize=8)
+    figure.suptitle(f"Is grip dangerous? Falls on grounds of one friction, with noise ({sim})")
     return figure
 
 if __name__ == "__main__":

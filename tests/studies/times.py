@@ -15,6 +15,8 @@ import numpy as np
 from kept import env, evaluate
 
 DURATION = {"pymunk": "a few seconds", "mujoco": "a few seconds"}
+TICKS = (1, 2, 5, 10, 20, 50, 100)  # [s]
+LAYERS = ("baseline", "search", "baseline_tuned", "policy", "policy_imu")  # the last one on top
 HEAD = ("goals σ", "noise", "planner", "its time ÷ reference, median",
         "policy's time ÷ its, 10th percentile", "median", "90th percentile",
         "share of goals where the policy is slower")
@@ -77,20 +79,22 @@ def plot(fastest, times, sim):
     figure, axes = common.plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained", sharey=True)
     names = {name: None for name, _, _ in times}
     for axis, noise in zip(axes, ("no", "yes")):
-        for name in sorted(names, key=lambda name: name.startswith("policy")):  # on top
+        for name in sorted(names, key=LAYERS.index):
             parts = [(fastest[std], times[name, noise, std]) for std in fastest
                      if (name, noise, std) in times]
             if parts:
-                axis.plot(*np.concatenate(parts, 1), ".", ms=3, color=kept.COLORS[name],
-                          label=name, alpha=0.5)
+                axis.plot(*np.concatenate(parts, 1), kept.MARKERS[name], color=kept.COLORS[name],
+                          ms=3, label=name, alpha=0.5)
         end = np.nanmax(np.concatenate(list(fastest.values())))
-        axis.plot([0, end], [0, end], "k", lw=1, label="as the reference")
+        axis.plot([0.6, end], [0.6, end], "k", lw=1, label="as the reference")
         axis.set(title=f"{'with' if noise == 'yes' else 'without'} noise",
-                 xlabel="reference: steps to go of `search` [s]")
+                 xlabel="reference: steps to go of `search` [s]", xscale="log", yscale="log",
+                 xticks=TICKS[:5], xticklabels=TICKS[:5], yticks=TICKS, yticklabels=TICKS)
+        axis.minorticks_off()
         axis.grid(alpha=0.3)
     axes[0].set_ylabel("time to the goal [s]")
-    axes[0].legend(fontsize=8, markerscale=3)
-    figure.suptitle(f"Every dot is a goal reached; reference: the steps of `search` ({sim})")
+    axes[0].legend(fontsize=8, markerscale=2)
+    figure.suptitle(f"What noise costs every planner; every mark is a goal reached ({sim})")
     return figure
 
 if __name__ == "__main__":

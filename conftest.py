@@ -1,11 +1,12 @@
 """Lets the tests import the stages: import_module("04_ppo"). With `--stages FOLDER` it grades the
 exercises in that folder; an exercise whose file it lacks is "not handed in":
 
-    python -m pytest tests --stages exercises              all of exercises/workbook.py
-    python -m pytest tests --stages exercises -k gae       this one; or -k "gae or quintic"
+    python -m pytest --stages exercises              all of tests/exercises/workbook.py
+    python -m pytest --stages exercises -k gae       this one; or -k "gae or quintic"
 
-The folder is seen from where you are, or else from the repository's root. Write `tests` (from
-another folder: the path to it), for that is how pytest finds the option before it knows it.
+The folder is seen from where you are, or else from the repository's root. Whoever is elsewhere, or
+grades a folder elsewhere, also writes the path of `tests`: so pytest finds this file, and with it
+the option.
 """
 
 import _thread
@@ -21,7 +22,7 @@ from pathlib import Path
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"  # draw into files, without a screen
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parent
 sys.path.insert(0, str(ROOT))
 sys.path.append(str(ROOT / "tests" / "exercises"))
 
