@@ -526,6 +526,8 @@ def test_tuning_keeps_the_fastest_safe_setting_that_stays(monkeypatch):
             PAPER | {"time": None, "still_there": None, "fall": 0.0}]
     best = baseline.choose(None, rows, PAPER)[0]
     assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
+    leaves, rule = baseline.choose(None, [rows[4], PAPER | {"time": 5.5, "planner": 0.9}], PAPER)
+    assert leaves is rows[4] and "none stays" in rule, "the fastest, though it leaves without noise"
     unsafe = baseline.choose(None, rows[2:4], PAPER)[0]
     assert unsafe is rows[3], "no safe one: the one with the fewest falls"
 

@@ -4,10 +4,11 @@
 
 Cross-entropy method over drawn worlds, two thirds of the walks with noise: half of the goals have
 σ = 0.5 m, half σ = 1 m. It works on the logarithms of the settings, so none of them has a bound.
-Where it ends, and the nine best candidates of all, are walked again on 2,000 other trials. Kept is
-the fastest one with at most 0.5 % falls there that stays: with noise as well as the paper's
-baseline, and 97 % without (baseline_tuned.json); if none does, the one that falls least. No trial
-of the table is ever seen.
+Where it ends, the best of an earlier search, and the eight best candidates of all are walked again
+on 2,000 other trials. Kept is the fastest one with at most 0.5 % falls there that stays: with noise
+as well as the paper's baseline, and 97 % without (baseline_tuned.json). If none does, the fastest
+that is safe and stays with noise; if there is none either, the one that falls least. No trial of
+the table is ever seen.
 """
 
 from dataclasses import asdict, fields
@@ -17,7 +18,7 @@ import kept
 import numpy as np
 from tqdm import tqdm
 
-DURATION = {"pymunk": "about 30 minutes on two cores", "mujoco": "about 45 minutes on two cores"}
+DURATION = {"pymunk": "about 30 minutes on two cores", "mujoco": "about 40 minutes on two cores"}
 ITERATIONS, POPULATION, ELITE, FINALISTS = 12, 20, 5, 10
 WALKS = 64  # near ones and as many far ones, for every candidate;
 QUIET = 32  # of each without noise
@@ -30,6 +31,10 @@ NAMES = [entry.name for entry in fields(Settings)]
 # Where it begins: near the finalists of an earlier search of nine iterations in 3-D, which began at
 # three times the paper's speeds, and so in effect of its 10th iteration.
 START = Settings(0.33, 0.28, 0.2, 1.0, 0.8, 0.7, 1.0, 0.3)
+EARLIER = {  # the best of a search of nine iterations that did not ask whether it stays
+    "mujoco": Settings(0.3223, 0.3016, 0.2079, 1.0123, 0.8221, 0.6204, 0.8337, 0.2928),
+    "pymunk": Settings(0.5851, 0.1976, 0.2873, 1.2801, 0.596, 0.6715, 0.6424, 0.3331),
+}
 
 def both(trials, planner, noise, first, count, per_seed=None):
     """Near and far trials of the tuning together."""
@@ -85,11 +90,15 @@ def choose(trials, rows, paper):
     rows: facts, with their "planner"; paper: facts of the paper's baseline. Whether one stays
     without noise is measured only where it matters.
     """
-    for row in sorted(rows, key=lambda row: row["time"] or np.inf):
-        if row["fall"] <= MAX_FALLS and (row["still_there"] or 0) >= paper["still_there"] - LESS:
-            row["quiet"] = facts(both(trials, row["planner"], False, 101, 1))["still_there"]
-            if row["quiet"] >= FLOOR:
-                return row, "the fastest of the safe ones that stay"
+    safe = [row for row in sorted(rows, key=lambda row: row["time"] or np.inf)
+            if row["fall"] <= MAX_FALLS
+            and (row["still_there"] or 0) >= paper["still_there"] - LESS]
+    for row in safe:
+        row["quiet"] = facts(both(trials, row["planner"], False, 101, 1))["still_there"]
+        if row["quiet"] >= FLOOR:
+            return row, "the fastest of the safe ones that stay"
+    if safe:
+        return safe[0], "none stays without noise: the fastest that is safe and stays with noise"
     return min(rows, key=lambda row: row["fall"]), "none is safe and stays: the fewest falls"
 
 def study(sim):
@@ -98,7 +107,8 @@ def study(sim):
     paper = final(trials, kept.baseline(Settings()))
     tried, end = optimise(trials, paper)
     tried.sort(key=lambda row: row[2])
-    finalists, rows = [end, *(settings for settings, *_ in tried[: FINALISTS - 1])], []
+    best_of_all = (settings for settings, *_ in tried[: FINALISTS - 2])
+    finalists, rows = [end, EARLIER[sim], *best_of_all], []
     for settings in tqdm(finalists, unit=" finalists"):
         planner = kept.baseline(settings)
         rows.append({"settings": asdict(settings), "planner": planner, **final(trials, planner)})
