@@ -117,8 +117,8 @@ def findings():
     found = (
         f"""*A carrot is a strong opponent once all its settings are tuned* in the world they are
         used in: near goals take it {100 * share:.0f} % of the time of the same controller as its
-        team configured it. ({len(tuned["tried"])} settings were tried; of the ten best,
-        {tuned["rule"]}.)""",
+        team configured it. ({len(tuned["tried"])} settings were tried. Of the ten best,
+        {tuned["rule"]} was kept.)""",
         f"""*Search is not fast.* Knowing what every double step does is not knowing what the next
         measurement says. The safest of {len(search["tried"])} settings keeps to
         {100 * safest["factor"]:.0f} % of the step limits, and falls in {percent(safest["fall"])} of
