@@ -184,7 +184,7 @@ def test_chosen_policies_are_replaced_only_by_ship(name, sim, prefix, tiny, monk
     assert changed <= {path for path in mine if path.startswith(prefix or "")} | {
         f"studies/{name}{end}" for end in (".json", ".md", ".png")}
 
-@pytest.mark.parametrize("name", ["decision", "falls", "robustness", "noise"])
+@pytest.mark.parametrize("name", ["decision", "falls", "robustness", "noise", "pooled"])
 def test_a_study_that_only_judges_runs_from_end_to_end(name, tiny, monkeypatch):
     make_small(monkeypatch, name)
     run(name)

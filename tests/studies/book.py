@@ -20,9 +20,9 @@ import judge  # noqa: E402  (in tests/exercises)
 
 SIMS = {"mujoco": "3-D (MuJoCo)", "pymunk": "sagittal plane and yaw (pymunk)"}
 FLAG = {"mujoco": " --mujoco", "pymunk": ""}
-ORDER = ("baseline", "search", "seeds", "imu", "kicks", "decision", "falls", "times", "robustness",
-         "noise", "limits", "ground", "ablations", "budget", "tasks", "stable_baselines",
-         "rllib", "benchmark", "decision_time")
+ORDER = ("baseline", "search", "seeds", "pooled", "imu", "kicks", "decision", "falls", "times",
+         "robustness", "noise", "limits", "ground", "ablations", "budget", "tasks",
+         "stable_baselines", "rllib", "benchmark", "decision_time")
 SHOWN = ("policy", "policy_imu", "baseline_tuned", "search", "baseline")
 
 def doc(name):
