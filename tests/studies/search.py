@@ -153,11 +153,11 @@ def plot(tried, sim, best):
     for rows, name in ((carrots, "baseline_tuned"), (tried, "search")):
         known = [(row["time"], row["fall"]) for row in rows if row["time"] is not None]
         label = f"{name}: {len(known)} settings"
-        axis.plot(*np.transpose(known), kept.MARKERS[name], ms=6, color=kept.COLORS[name],
+        axis.plot(*np.transpose(known), kept.MARKERS[name], ms=8, mew=2, color=kept.COLORS[name],
                   label=label, alpha=0.7)
     kept_one = next(row for row in tried
                     if all(row[key] == best[key] for key in ("factor", "change")))
-    axis.plot(kept_one["time"], kept_one["fall"], "o", ms=11, mfc="none", mec="black",
+    axis.plot(kept_one["time"], kept_one["fall"], "o", ms=15, mfc="none", mec="black",
               label="the search that was kept")
     axis.axhline(baseline.MAX_FALLS, color="0.6", lw=1, label="0.5 % falls")
     axis.set(xlabel="mean time of the successes [s]", ylabel="share of walks that fell [1]",
