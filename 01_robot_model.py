@@ -33,6 +33,7 @@ import importlib.util
 import math
 import multiprocessing
 import os
+import signal
 import sys
 import tempfile
 from dataclasses import dataclass
@@ -620,8 +621,9 @@ class PymunkSim:
 # ------------------------------------------------------------------------ several processes
 def serve(pipe, *settings):
     """A process of its own: runs the methods of its PymunkSim until the pipe closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # after Ctrl-C, too, the pipe's end is the end
     sim = PymunkSim(*settings)
-    with contextlib.suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+    with contextlib.suppress(EOFError, ConnectionError):
         while True:
             method, (robots, *parts) = pipe.recv()
             arguments = (*parts, robots) if method == "run" else (robots, *parts)
@@ -632,6 +634,10 @@ class Workers:
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pipes, self.processes = [], []
+        # A process would import the file that was started, and PyTorch with it: it must not know.
+        script = vars(sys.modules["__main__"])
+        known = script.keys() & {"__file__"} if serve.__module__ != "__main__" else ()
+        hidden = {name: script.pop(name) for name in known}
         for w in range(cores):
             pipe, end = context.Pipe()
             settings = end, len(range(w, num_robots, cores)), standing, robot
@@ -639,6 +645,7 @@ class Workers:
             self.processes[-1].start()
             end.close()
             self.pipes.append(pipe)
+        script.update(hidden)
 
     def _ask(self, method, robots, *parts):
         """Every process does it for its own of the robots [n]: rows of each, and its answers."""
@@ -677,10 +684,10 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 # ------------------------------------------------------------------------ command line
-def whole(text, least=0):
+def whole(text, least=0, most=math.inf):
     """A whole number of the command line."""
-    if not text.isdecimal() or int(text) < least:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number of at least {least}")
+    if not text.isdecimal() or not least <= int(text) <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
     return int(text)
 
 class StageParser(argparse.ArgumentParser):
@@ -699,8 +706,10 @@ class StageParser(argparse.ArgumentParser):
     def parse(self, argv=None):
         """The arguments; `sim` is "pymunk" or "mujoco"."""
         for stream in (sys.stdout, sys.stderr):
-            stream.reconfigure(errors="replace")  # Windows pipes may not know α or ±
+            if hasattr(stream, "reconfigure"):  # a notebook's has not
+                stream.reconfigure(errors="replace")  # Windows pipes may not know α or ±
         args = self.parse_args(argv)
+        os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
         if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
             self.error("--mujoco needs MuJoCo: python -m pip install mujoco")
         return args
@@ -714,6 +723,16 @@ class StageParser(argparse.ArgumentParser):
                 return out
         except OSError as error:
             self.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
+
+def run(main):
+    """Calls a stage's main(); Ctrl-C, a full disk or a lost process is one line, no traceback."""
+    try:
+        main()
+        print(end="", flush=True)
+    except (OSError, KeyboardInterrupt) as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left to print may have no reader
+        print(f"{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, OSError) else 130)
 
 # ------------------------------------------------------------------------ demonstration
 def draw_robot(axis, robot, torso, joints, alpha=1.0):
@@ -754,4 +773,4 @@ def main():
     print("Look at", out / "01_robot.png")
 
 if __name__ == "__main__":
-    main()
+    run(main)

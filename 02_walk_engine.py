@@ -398,7 +398,7 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.5 * spread + 0.5 * drawn[best].std(0)
         print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
-              f"{in_words(seen[0])}", flush=True)
+              f"{in_words(seen[0])}\n{tried[0]}", flush=True)
     return replace(TUNED[sim], **dict(zip(names, mean.round(4).tolist())))
 
 def in_words(measured):
@@ -467,4 +467,4 @@ def main():
     print("Look at", out / "02_plan.png", "and", out / "02_walk.png")
 
 if __name__ == "__main__":
-    main()
+    robot_model.run(main)

@@ -196,7 +196,8 @@ class FootstepWorld:
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
-        self.dice = [{} for _ in self.rng]  # generators of the episode, by purpose
+        # Generators of the episode, by purpose.
+        self.dice = [dict(zip(PURPOSES, rng.spawn(len(PURPOSES)))) for rng in self.rng]
         self.friction = np.zeros(num_robots)  # μ of the episode
         self.goal = np.zeros((num_robots, 3))
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
@@ -212,7 +213,7 @@ class FootstepWorld:
         """
         robots = np.asarray(robots)
         if goals is not None:
-            goals = checked("goals", goals, len(robots), 3)
+            goals = np.clip(checked("goals", goals, len(robots), 3), -1e9, 1e9)  # no overflow
         friction = np.zeros(len(robots)) + friction
         if (friction < 0).any() or (friction > 100).any():
             raise ValueError(f"friction must be from 0 to 100, got {friction}")
@@ -446,4 +447,4 @@ def main():
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":
-    main()
+    robot_model.run(main)

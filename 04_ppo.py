@@ -277,9 +277,14 @@ class PolicyError(ValueError):
 
 def atomic_write(path, write):
     """write(temporary file) and rename: the old file or the new one, never half of one."""
-    temporary = path.with_name(path.name + ".tmp")
-    write(temporary)
-    os.replace(temporary, path)
+    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")  # two may train into one folder
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    except RuntimeError as error:  # of PyTorch
+        raise OSError(f"{path} cannot be written: is the disk full?") from error
+    finally:
+        temporary.unlink(missing_ok=True)
 
 def load_plain(path):
     """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
@@ -345,8 +350,11 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
                        cfg.first_concentration, cfg.normalize)
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [8]
     if run.checkpoint:
-        model.load_state_dict(run.checkpoint["model"])
-        optimizer.load_state_dict(run.checkpoint["optimizer"])
+        try:
+            model.load_state_dict(run.checkpoint["model"])
+            optimizer.load_state_dict(run.checkpoint["optimizer"])
+        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+            raise PolicyError(f"{run.path}: not a checkpoint of this training") from error
     bar = tqdm(total=updates * cfg.num_envs * cfg.rollout, unit=" steps", disable=not progress,
                initial=run.update * cfg.num_envs * cfg.rollout, dynamic_ncols=True)
     try:
@@ -387,7 +395,9 @@ class Run:
             mismatch = difference(self.checkpoint.get("about", {}), about)
             if mismatch:
                 raise PolicyError(f"{self.path}: cannot resume: {mismatch}")
-            self.update, self.rows = self.checkpoint["update"], self.checkpoint["rows"]
+            self.update, self.rows = (self.checkpoint.get(key) for key in ("update", "rows"))
+            if not isinstance(self.rows, list) or self.update != len(self.rows):
+                raise PolicyError(f"{self.path}: not a checkpoint of this training")
         elif self.path.exists():  # of an older training
             os.replace(self.path, out / "checkpoint.previous.pt")
         self.started = time.monotonic() - (60 * self.rows[-1]["minutes"] if self.rows else 0)  # [s]
@@ -504,5 +514,5 @@ def main(argv=None):
         file = " --imu" * args.imu if out == args.usual else f" --policy {out / 'policy.pt'}"
         print("next: python 05_evaluate.py --noise" + " --mujoco" * (args.sim == "mujoco") + file)
 
-if __name__ == "__main__":  # the simulator's worker processes import this file again
-    main()
+if __name__ == "__main__":
+    robot_model.run(main)

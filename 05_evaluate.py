@@ -420,9 +420,10 @@ def read_trials(path, seed, friction):
                 key = int(row.get("seed", seed)), int(row.get("trial", len(trials)))
                 given = "mu" in row and np.isnan(friction)
                 mu = float(row["mu"]) if given else friction
-                sound = None not in row and np.isfinite(goal).all()  # None: more cells than heads
-                if not sound or min(key) < 0 or given and not 0 <= mu <= 100:
-                    raise ValueError("too many, not finite, below 0, or mu above 100")
+                sound = None not in row and all(abs(v) < 1e9 for v in goal)  # None: too many cells
+                sound = sound and 0 <= min(key) and max(key) < 2**63
+                if not sound or given and not 0 <= mu <= 100:
+                    raise ValueError("too many, too large, below 0, or mu above 100")
                 trials[goal, key, str(mu)] = goal, key, mu
         if not trials:
             raise ValueError("there is none")
@@ -456,8 +457,10 @@ def load(path, sim):
             imu = stored["obs_dim"] > len(env.observation_table())
             facts = {"imu": imu, **{key: stored.get(key) for key in ("steps", "minutes", "seed")}}
             name, planner = "policy" + "_imu" * imu, PolicyPlanner(model, imu)
+            env.checked("actions", model.decide(np.zeros((1, stored["obs_dim"]))), 1, 6)
         fits = stored.get("fits", {}), env.fingerprint(sim, imu)
         mismatch = ppo.difference(*(json.loads(json.dumps(plain)) for plain in fits))
+        json.dumps(facts, allow_nan=False)  # it will be written
     except InputError:
         raise
     except Exception as error:  # numpy and zipfile raise many types
@@ -691,8 +694,8 @@ def main(argv=None):
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
     parser.add_argument("--far", action="store_true", help="a second block: goals twice as far")
     goals, policies = (parser.add_mutually_exclusive_group() for _ in range(2))
-    goals.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1), default=500,
-                       help="goals (default 500)")
+    goals.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1, 10**5),
+                       default=500, help="goals (default 500)")
     goals.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
     parser.add_argument("--friction", type=friction, metavar="MU", default=math.nan,
                         help="of the ground, for all; else drawn")
@@ -725,5 +728,5 @@ def main(argv=None):
     except KeyboardInterrupt:
         parser.exit(130, "\ninterrupted\n")
 
-if __name__ == "__main__":  # the simulator's worker processes import this file again
-    main()
+if __name__ == "__main__":
+    robot_model.run(main)

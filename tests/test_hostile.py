@@ -3,6 +3,7 @@
 Bad command lines are in test_scripts.py, broken goals in test_evaluate.py, bad planners there, too.
 """
 
+import io
 import json
 import os
 import pickle
@@ -133,6 +134,18 @@ def test_a_wrong_reset_is_an_error(walker, call):
         call(walker)
     assert len(str(caught.value).splitlines()) == 1
 
+@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+def test_a_step_before_the_first_reset_is_a_step(sim):
+    one = env.FootstepEnv(sim, noise=True)
+    seen, reward, *_ = one.step(one.world.neutral_action)
+    one.close()
+    assert one.observation_space.contains(seen) and np.isfinite(reward)
+
+def test_a_goal_may_be_as_far_as_numbers_go(walker):
+    walker.reset(seed=0, options={"goal": (1e308, -1.5e308, 1e308)})
+    seen, reward, *_ = walker.step(walker.world.neutral_action)
+    assert walker.observation_space.contains(seen) and np.isfinite(reward)
+
 def test_a_step_after_the_end_walks_on_until_a_reset(walker):
     walker.reset(seed=0, options={"goal": (0, 0, 0)})
     for _ in range(4):  # the second one ends it
@@ -171,6 +184,48 @@ def test_a_bare_surrounding_is_enough(tmp_path):
         env=kept | {"MPLBACKEND": "TkAgg", "PYTHONIOENCODING": "ascii", "LC_ALL": "C"})
     assert done.returncode == 0, done.stderr[-2000:]
     assert (tmp_path / "out" / "03_rewards.png").is_file() and not list(folder.iterdir())
+
+def started(folder, *arguments, **environment):
+    """A stage in a process of its own: what it says and its exit code."""
+    return subprocess.run([sys.executable, *map(str, arguments)], cwd=folder, check=False,
+                          capture_output=True, encoding="utf-8", errors="replace", timeout=120,
+                          env=os.environ | environment)
+
+def test_no_setting_of_a_display_or_a_renderer_matters(tmp_path):
+    done = started(tmp_path, ROOT / "05_evaluate.py", "--mujoco", MPLBACKEND="GTK4Agg",
+                   MUJOCO_GL="nonsense")  # there is no policy in this folder
+    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+    assert "no policy for mujoco yet" in done.stderr
+
+def test_a_console_without_an_encoding_is_enough(monkeypatch, tmp_path, capsys):
+    """As in a notebook."""
+    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stopped:
+        evaluate.main(["--policy", "none.pt"])
+    assert stopped.value.code == 2 and "no such file" in capsys.readouterr().err
+
+@pytest.mark.parametrize("error, code, said", [
+    (OSError("the disk is full"), 2, "the disk is full"), (KeyboardInterrupt(), 130, "interrupted"),
+    (BrokenPipeError(32, "Broken pipe"), 2, "Broken pipe")], ids=repr)
+def test_what_a_stage_cannot_help_is_one_line(error, code, said, tmp_path):
+    script = (f"import importlib; robot_model = importlib.import_module('01_robot_model')\n"
+              f"def main():\n    print('begun')\n    raise {error!r}\nrobot_model.run(main)")
+    done = started(tmp_path, "-c", script, PYTHONPATH=str(ROOT))
+    assert done.returncode == code and said in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+
+def test_processes_of_the_simulator_do_not_load_the_script_that_started_them(tmp_path):
+    script = tmp_path / "mine.py"
+    script.write_text(textwrap.dedent("""
+        import importlib, sys
+        env = importlib.import_module("03_env")
+        assert __name__ == "__main__", "a process has loaded this again"
+        envs = env.FootstepVectorEnv(2, cores=2)
+        print(envs.reset(seed=0)[0].shape, __file__)
+        envs.close()"""), encoding="utf-8")
+    done = started(tmp_path, script, PYTHONPATH=str(ROOT))
+    assert done.returncode == 0 and done.stdout.split() == ["(2,", "20)", str(script)], done.stderr
 
 # ------------------------------------------------------------------------ bodies
 EXTREME = {
@@ -233,9 +288,10 @@ KILLED = """
                 return function(*args, **kw)
             if write:  # in the middle of a file
                 path, content = args
-                content(path.with_name(path.name + ".tmp"))
-                whole = path.with_name(path.name + ".tmp").read_bytes()
-                path.with_name(path.name + ".tmp").write_bytes(whole[: len(whole) // 2])
+                temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+                content(temporary)
+                whole = temporary.read_bytes()
+                temporary.write_bytes(whole[: len(whole) // 2])
             os.kill(os.getpid(), signal.SIGKILL)
         return call
 
@@ -273,7 +329,8 @@ def test_twenty_kills_change_no_weight(tmp_path):
     assert all(torch.equal(quiet[name], killed[name]) for name in quiet), "not bit for bit"
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux' disk that is always full")
-def test_a_full_disk_is_one_line_and_damages_nothing(tmp_path, monkeypatch, capfd):
+@pytest.mark.parametrize("error", ["the system's", "PyTorch's"])
+def test_a_full_disk_is_one_line_and_damages_nothing(error, tmp_path, monkeypatch, capfd):
     """The temporary file of every atomic write lies on the full disk."""
     ppo = evaluate.ppo
     shutil.copy(ROOT / "results" / "pymunk" / "policy.pt", tmp_path / "policy.pt")
@@ -281,17 +338,37 @@ def test_a_full_disk_is_one_line_and_damages_nothing(tmp_path, monkeypatch, capf
     write = ppo.atomic_write
 
     def to_the_full_disk(path, content):
-        temporary = path.with_name(path.name + ".tmp")
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
         if not temporary.is_symlink():
             temporary.symlink_to("/dev/full")
         write(path, content)
 
-    monkeypatch.setattr(ppo, "atomic_write", to_the_full_disk)
+    def of_pytorch(path, content):  # it raises an error of its own, and leaves a part of the file
+        def full(temporary):
+            temporary.write_bytes(b"a part")
+            raise RuntimeError("[enforce fail at inline_container.cc] . unexpected pos 1 vs 2")
+        write(path, full)
+
+    monkeypatch.setattr(ppo, "atomic_write", {"the system's": to_the_full_disk,
+                                              "PyTorch's": of_pytorch}[error])
     with pytest.raises(SystemExit) as stopped:
         ppo.main(["--env", "Pendulum-v1", "--steps", "2048", "--out", str(tmp_path)])
     lines = [line for line in capfd.readouterr().err.splitlines() if "steps/s" not in line]
     assert stopped.value.code == 2 and len([line for line in lines if line.strip()]) == 1, lines
     assert (tmp_path / "policy.pt").read_bytes() == before, "the good one is still there"
+    assert not list(tmp_path.glob("*.tmp")), "what could not be finished takes no place"
+
+def test_two_trainings_may_write_into_one_folder(tmp_path):
+    """Each has temporary files of its own: whoever is last wins, and the file is whole."""
+    script = ("import sys; from importlib import import_module; from pathlib import Path\n"
+              "ppo, letter = import_module('04_ppo'), sys.argv[1].encode()\n"
+              "def write(temporary): temporary.write_bytes(letter * 10**6)\n"
+              "for _ in range(200): ppo.atomic_write(Path(sys.argv[2]), write)")
+    both = [subprocess.Popen([sys.executable, "-c", script, letter, tmp_path / "file"],
+                             env=os.environ | {"PYTHONPATH": str(ROOT)}) for letter in "ab"]
+    assert [one.wait() for one in both] == [0, 0]
+    content = (tmp_path / "file").read_bytes()
+    assert content in (b"a" * 10**6, b"b" * 10**6), "half of one, half of the other"
 
 def test_results_are_json_without_nan():
     """What others read: no NaN, no Infinity, in any of our JSON files."""
