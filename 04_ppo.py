@@ -353,7 +353,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
         try:
             model.load_state_dict(run.checkpoint["model"])
             optimizer.load_state_dict(run.checkpoint["optimizer"])
-        except (KeyError, TypeError, ValueError, RuntimeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
             raise PolicyError(f"{run.path}: not a checkpoint of this training") from error
     bar = tqdm(total=updates * cfg.num_envs * cfg.rollout, unit=" steps", disable=not progress,
                initial=run.update * cfg.num_envs * cfg.rollout, dynamic_ncols=True)

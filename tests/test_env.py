@@ -101,8 +101,9 @@ def test_gymnasium_can_make_a_vector_of_single_robots(make, sim, mode):
 
 @BOTH
 @pytest.mark.parametrize("noise", [False, True], ids=["exact", "noise"])
-def test_robots_together_equal_robots_alone(make, sim, noise):
-    n, seed, rng, task = 3, 11, np.random.default_rng(0), replace(TASK, time_limit=8.0)
+@pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
+def test_robots_together_equal_robots_alone(make, sim, noise, n):
+    seed, rng, task = 11, np.random.default_rng(0), replace(TASK, time_limit=8.0)
     cores = 2 if noise else 1  # several processes or threads must make no difference, either
     together = make(env.FootstepVectorEnv, n, sim, noise, imu=noise, cores=cores, task=task)
     alone = [make(env.FootstepEnv, sim, noise, imu=noise, task=task) for _ in range(n)]

@@ -96,6 +96,22 @@ def test_a_file_for_the_other_simulator_is_told_so(end):
     with pytest.raises(evaluate.StaleError, match="made for another robot.*simulator is pymunk"):
         evaluate.load(ROOT / "results" / "pymunk" / SHIPPED[end], "mujoco")
 
+@pytest.mark.parametrize("spoil", [
+    lambda stored: stored.update(act_dim=5), lambda stored: stored.update(obs_dim=22),
+    lambda stored: stored.update(minutes=float("nan")),
+    lambda stored: stored.update(minutes=torch.ones(2)),
+    lambda stored: stored["state_dict"].update({"actor.4.bias": torch.full((12,), float("nan"))})])
+def test_a_policy_that_cannot_walk_is_refused_before_anybody_walks(spoil, tmp_path):
+    stored = torch.load(ROOT / "results" / "pymunk" / "policy.pt", weights_only=True)
+    spoil(stored)
+    if stored["act_dim"] == 5 or stored["obs_dim"] == 22:  # and its weights are of that shape
+        model = evaluate.ppo.ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"])
+        stored["state_dict"] = model.state_dict()
+    torch.save(stored, tmp_path / "policy.pt")
+    with pytest.raises(evaluate.InputError) as caught:
+        evaluate.load(tmp_path / "policy.pt", "pymunk")
+    assert len(str(caught.value).splitlines()) == 1
+
 # ------------------------------------------------------------------------ calls
 WRONG_ACTIONS = (np.full(6, np.nan), np.full(6, np.inf), np.zeros(5), np.zeros((2, 6)), "left",
                  None, np.array([None] * 6), np.zeros(6, complex), [[0.5] * 6, [0.5]],

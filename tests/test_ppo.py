@@ -733,6 +733,16 @@ def test_resume_refuses_other_settings(tmp_path):
     with pytest.raises(ppo.PolicyError, match=r"checkpoint\.pt: damaged"):
         run(resume=True)
 
+@pytest.mark.parametrize("key, value", [
+    ("update", -5), ("update", "x"), ("update", 99), ("rows", None), ("rows", []), ("model", {}),
+    ("model", None), ("optimizer", {}), ("optimizer", None)])
+def test_a_checkpoint_of_something_else_is_one_line(tmp_path, key, value):
+    ppo.train(QUICK, wandering, tmp_path, 2 * 64, progress=False)
+    stored = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
+    torch.save({**stored, key: value}, tmp_path / "checkpoint.pt")
+    with pytest.raises(ppo.PolicyError, match=r"checkpoint\.pt: not a checkpoint of this tr"):
+        ppo.train(QUICK, wandering, tmp_path, 2 * 64, progress=False, resume=True)
+
 def test_a_finished_training_is_returned_at_once(tmp_path, monkeypatch):
     def run(resume):
         return ppo.train(QUICK, wandering, tmp_path, 3 * 64, progress=False, resume=resume)
