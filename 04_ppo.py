@@ -445,7 +445,7 @@ def plot_learning_curve(rows, path, title):
     for axes, (name, unit, columns) in zip(grid.flat, PANELS):
         for column, style in zip(columns, (".-", "x-", "^-")):
             y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
-            axes.plot(steps[y == y], y[y == y], style, ms=4, lw=0.5, label=column)
+            axes.plot(steps[y == y], y[y == y], style, ms=5, lw=1, label=column)
         axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]",
                  xscale="log")  # most of it is learned at the beginning
         axes.grid(alpha=0.3)

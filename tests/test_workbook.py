@@ -215,6 +215,7 @@ def test_a_wrong_folder_is_one_line(tmp_path, make, mention):
     done = grade(tmp_path / "empty", "-k", "gae")
     assert done.returncode == 4 and mention in done.stderr and "Traceback" not in done.stderr
 
+@pytest.mark.slow
 def test_an_endless_loop_is_stopped(tmp_path, monkeypatch):
     conftest = (ROOT / "conftest.py").read_text(encoding="utf-8")
     assert "PATIENCE = 60 " in conftest
