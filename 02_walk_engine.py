@@ -3,7 +3,7 @@
 Paper: the walk engine of [5]: quintic splines for the swing foot and the trunk, analytic inverse
 kinematics, open loop within a double step; parameters found by optimisation.
 
-    python 02_walk_engine.py             one plan, what it is worth, and four walks; 15 seconds
+    python 02_walk_engine.py             one plan, what it is worth, and four walks; 9 seconds
     python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 12 minutes
 
 (both with `--mujoco` in 3-D). The first prints how fast and how well it walks on drawn ground with

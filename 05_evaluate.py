@@ -4,7 +4,7 @@ Paper: section III (500 goals, with and without measurement noise; Table II, Fig
 [10], a velocity controller that follows the goal like a carrot on a stick, and the classical answer
 of its references [3] and [4]: search for the shortest way.
 
-    python 05_evaluate.py --noise          the paper's table and footstep figure, in two minutes
+    python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
     python 05_evaluate.py --noise --far    and a second block: goals twice as far
     python 05_evaluate.py --gif            and the baseline in a race against the policy
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad

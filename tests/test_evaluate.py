@@ -798,7 +798,9 @@ def refused(capsys, *arguments):
     ("x,y,yaw\n", 1), ("x,y,yaw\n1,2,\n", 2), ("x,y,yaw,mu\n1,2,3,1\n1,2,3,-1\n", 3),
     ("x,y,yaw,mu\n1,2,3,nan\n", 2), ("x,y,yaw,mu\n1,2,3,ice\n", 2), ("x,y,yaw,mu\n1,2,3\n", 2),
     ("x,y,yaw,trial\n1,2,3,1.5\n", 2), ("x,y,yaw,seed\n1,2,3,-1\n", 2),
-    ("x,y,yaw,seed\n1,2,3,1e300\n", 2)])
+    ("x,y,yaw,seed\n1,2,3,1e300\n", 2), (f"x,y,yaw,seed\n1,2,3,{2**63}\n", 2),
+    (f"x,y,yaw,seed,trial\n1,2,3,1,{2**63}\n", 2), ("x,y,yaw\n1.7e308,1.7e308,1\n", 2),
+    ("x,y,yaw\n1,nan,1\n", 2)])
 def test_a_malformed_goals_file_names_the_line(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("goals.csv").write_text(text)
