@@ -60,11 +60,11 @@ def on_one_core(sim, count):
     used = (memory() - before) / count / 1000  # [kB]
     planning = common.timed(envs.world.engine, "plan")
     with common.timed(*bare_physics(sim)) as physics, planning as plan:
-        seconds(envs)
+        watched = seconds(envs)
     bare, plan = (watch.seconds / plan.calls for watch in (physics, plan))  # [s]
     envs.close()
     return {"robots": count, "one_core": count / whole, "bare": count / bare,
-            "ratio": bare / whole, "planning": plan / whole, "kB": used}
+            "ratio": bare / whole, "planning": plan / watched, "kB": used}
 
 def study(sim):
     """Every number of robots."""
