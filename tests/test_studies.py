@@ -482,6 +482,21 @@ def test_gaussian_policy_learns_with_the_same_ppo():
     best = model.decide(np.zeros((1, 1), np.float32)).item()
     assert best == pytest.approx(0.8, abs=0.05), "the best action is 0.8"
 
+def test_ours_and_theirs_agree_where_the_ranges_of_their_seeds_overlap():
+    study = import_module("stable_baselines")
+    _, gaussian, same, apart = study.KINDS
+    rows = [{"kind": kind, "seed": seed, "success": success, "fall": fall + 0.001 * seed,
+             "time_mean": 5.0 + seed, "learning_ms": learning, "seconds": seconds,
+             "curve": [{"steps": 4096, "minutes": 1, "success": 0.5, "fall": 0.0, "time": 9.0}]}
+            for seed in range(3) for kind, success, fall, learning, seconds in (
+                (gaussian, 0.9 + 0.02 * seed, 0.01, 0.07, 60),
+                (same, 0.94 + 0.02 * seed, 0.02, 0.1, 50), (apart, 0.9, 0.01, 0.2, 130))]
+    assert [line[-1] for line in study.promises(rows)] == ["yes", "no", "yes", "yes", "no", "yes"]
+    assert [line[-2] for line in study.promises(rows)][3:] == ["0.70", "1.20", "0.46"]
+    figure = study.plot(rows, "pymunk")
+    assert [len(axes.lines) for axes in figure.axes] == [9] * 4, "a curve for every training"
+    common.plt.close(figure)
+
 def test_shares_between_mode_and_mean(tiny):
     decision = import_module("decision")
     planner, _ = kept.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")

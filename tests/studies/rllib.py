@@ -110,7 +110,22 @@ def study(sim):
                            for key, n in keys.items())])
     head = ["training", "success", "fall", "time [s]", "wall-clock [s]", "double steps per second"]
     return common.Findings({"steps": STEPS, "runners": RUNNERS, "robots": ROBOTS, "rows": rows},
-                           common.markdown(head, lines))
+                           common.markdown(head, lines), plot(rows, sim))
+
+def plot(rows, sim):
+    """Success and falls against double steps; the clock is in the table."""
+    figure, axes = common.plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    for axis, name in zip(axes, ("success", "fall")):
+        for row, marker in zip(rows, "o^x"):
+            known = [point for point in row["curve"] if name in point]
+            axis.plot([point["steps"] / 1000 for point in known],
+                      [point[name] for point in known], f"{marker}-", ms=4, lw=1,
+                      label=f"seed {row['seed']}")
+        axis.set(xlabel="double steps [thousands]", ylabel=f"{name}, share of episodes [1]")
+        axis.grid(alpha=0.3)
+    axes[0].legend()
+    figure.suptitle(f"While exploring: RLlib's PPO on Footsteps-v0 ({sim})")
+    return figure
 
 if __name__ == "__main__":
     common.main(__file__)

@@ -7,8 +7,8 @@ ours as it is; ours with a Gaussian policy, clipped, without sharpening; theirs 
 network, first policy and settings on the same 64 robots; and theirs the way its users run it, one
 robot in each of eight processes. Where they differ: ours starts all episodes anew after every 10th
 update, theirs never. Then 250 near and 250 far noisy goals. If ours is right, both Gaussians agree
-within the spread of their seeds. Simulation is all that happens in the environment's `step` and
-`reset`, learning is the rest.
+within the spread of their seeds: the ranges from the worst to the best seed overlap. Simulation is
+all that happens in the environment's `step` and `reset`, learning is the rest.
 """
 
 from dataclasses import replace
@@ -31,8 +31,9 @@ except ImportError:  # it is told when the study begins
 DURATION = {"pymunk": "25 minutes, estimated", "mujoco": "90 minutes, estimated"}
 STEPS, PROCESSES = 100_000, 8
 GAUSSIAN = replace(ppo.PPOConfig(), sharpest=1.0)
-KINDS = {"ours, Beta": "tab:blue", "ours, Gaussian": "tab:green",
-         "SB3, the same robots": "tab:orange", "SB3, one robot per process": "tab:red"}
+# Told apart without red and green, and in grey (after Okabe and Ito).
+KINDS = {"ours, Beta": ("#0072b2", "o"), "ours, Gaussian": ("#56b4e9", "s"),
+         "SB3, the same robots": ("#d55e00", "^"), "SB3, one robot per process": ("#cc79a7", "x")}
 
 def clocked(envs, learn):
     """What `learn` returns, how long it took, and how much of that the environments took [s]."""
@@ -181,23 +182,50 @@ def study(sim):
                       for key, digits in keys.items())] for kind in KINDS]
     head = ["training", "success", "fall", "time [s]", "wall-clock [s]", "of it simulation [s]",
             "learning per double step [ms]"]
-    return common.Findings({"steps": STEPS, "goals": kept.PER_SEED, "rows": rows},
-                           common.markdown(head, lines), plot(rows, sim))
+    checks = promises(rows)
+    table = common.markdown(head, lines) + "\n" + common.markdown(
+        ("is it right, is it quick?", "promised", "found", "kept"), checks)
+    return common.Findings({"steps": STEPS, "goals": kept.PER_SEED, "rows": rows,
+                            "promises": checks}, table, plot(rows, sim))
+
+def promises(rows):
+    """What was promised against what came out: lines of a table."""
+    def of(kind, key):
+        return [row[key] for row in rows if row["kind"] == kind and row[key] is not None]
+
+    _, gaussian, same, apart = KINDS
+    lines = []
+    for key, what in (("success", "success"), ("fall", "falls"), ("time_mean", "time [s]")):
+        own, other = of(gaussian, key), of(same, key)
+        meet = own and other and max(min(own), min(other)) <= min(max(own), max(other))
+        found = " and ".join(common.spread(values, 3) for values in (own, other))
+        lines.append([f"Gaussian policies: {what}", "ranges overlap", found, meet])
+    for what, key, kind, most in (
+            ("learning per double step ÷ theirs", "learning_ms", same, 0.8),
+            ("wall-clock ÷ theirs on the same robots", "seconds", same, 1.0),
+            ("wall-clock ÷ theirs, one robot per process", "seconds", apart, 0.5)):
+        ratio = np.mean(of(gaussian, key)) / np.mean(of(kind, key))
+        lines.append([what, f"≤ {most}", f"{ratio:.2f}", ratio <= most])
+    return [[*cells, "yes" if good else "no"] for *cells, good in lines]
 
 def plot(rows, sim):
-    """Success against double steps and against the clock; time to the goal."""
-    figure, axes = common.plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
-    panels = (("steps", "success", 1000, "double steps [thousands]", "share of episodes [1]"),
-              ("minutes", "success", 1, "wall-clock [min]", "share of episodes [1]"),
+    """Success and falls against double steps, success against the clock; time to the goal."""
+    figure, axes = common.plt.subplots(2, 2, figsize=(10, 7), layout="constrained")
+    panels = (("steps", "success", 1000, "double steps [thousands]", "success, share [1]"),
+              ("minutes", "success", 1, "wall-clock [min]", "success, share [1]"),
+              ("steps", "fall", 1000, "double steps [thousands]", "falls, share [1]"),
               ("steps", "time", 1000, "double steps [thousands]", "time of successes [s]"))
-    for axis, (x, y, unit, label, what) in zip(axes, panels):
+    for axis, (x, y, unit, label, what) in zip(axes.flat, panels):
         for row in rows:
+            color, marker = KINDS[row["kind"]]
             axis.plot([point[x] / unit for point in row["curve"]],
-                      [point[y] for point in row["curve"]], ".-", ms=3, lw=1,
-                      color=KINDS[row["kind"]], label=row["kind"] if row["seed"] == 0 else None)
+                      [point[y] for point in row["curve"]], f"{marker}-", ms=4, lw=1,
+                      color=color, label=row["kind"] if row["seed"] == 0 else None)
         axis.set(xlabel=label, ylabel=what)
         axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
+    axes[1, 0].set_yscale("symlog", linthresh=0.01)  # 0 is shown, too
+    axes[1, 1].set_yscale("log")
+    axes[0, 0].legend(fontsize=8)
     figure.suptitle(f"While exploring: ours and Stable-Baselines3's PPO ({sim}); three seeds each")
     return figure
 
