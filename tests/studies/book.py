@@ -79,9 +79,10 @@ def studies_page():
     return "\n".join(lines) + "\n"
 
 def readme_table():
-    """The table of README: 3-D, with noise; far only those who race."""
+    """The table of README: 3-D, with noise, without IMU; far only those who race."""
     rows = [row for row in evaluation("mujoco")["rows"] if row["noise"] and (
-        row["goal_std_m"] < 1 or row["planner"] not in ("search", "baseline"))]
+        row["goal_std_m"] < 1 or row["planner"] not in ("search", "baseline"))
+        and row["planner"] != "policy_imu"]  # it is in the page of the simulator
     rows.sort(key=lambda row: (row["goal_std_m"], SHOWN.index(row["planner"])))
     cells = [[f"σ {row['goal_std_m']} m", f"`{row['planner']}`",
               common.with_interval(row, "success"), common.number(row["fall"], 3),
@@ -137,9 +138,22 @@ def findings():
         {percent(mean("fall", "baseline_tuned", 1))}, and we wanted 0.6 %. It keeps {kept} of our
         {len(seeds["promises"])} promises.""",
         f"""*Grip is dangerous.* Where the ground is slippery (μ = 0.4), {percent(slow)} of the far
-        walks end in a fall; where it holds (μ = 1), {percent(hard)}.""")
+        walks end in a fall; where it holds (μ = 1), {percent(hard)}.""", *imu_finding())
     wrap = textwrap.TextWrapper(105, initial_indent="- ", subsequent_indent="  ")
     return "".join(wrap.fill(" ".join(text.split())) + "\n" for text in found)
+
+def imu_finding():
+    """What the IMU is worth, once that study is shipped."""
+    file = common.RESULTS / "mujoco" / "studies" / "imu.json"
+    if not file.is_file():
+        return
+    near, near_imu, far, far_imu = sorted(
+        (row for row in common.read_json(file)["rows"] if row["seed"] is None),
+        key=lambda row: (row["goal_std_m"], row["planner"]))
+    yield f"""*What an IMU is worth.* Policies that also feel the torso's tilt and turning fall
+        {near_imu["falls"]} times in {near_imu["episodes"]:,} near walks and {far_imu["falls"]}
+        times in as many far ones; those without, {near["falls"]} and {far["falls"]} times. Their
+        times are {near_imu["time_ratio"]:.3f} and {far_imu["time_ratio"]:.3f} of the others'."""
 
 def with_table(page, name, table):
     """A page with the text of today between its two comments."""
