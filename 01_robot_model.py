@@ -26,7 +26,6 @@ anything. The planar robot cannot fall sideways: see `PymunkSim`.
     Competitions.
 """
 
-import argparse
 import contextlib
 import copy
 import importlib.util
@@ -36,6 +35,7 @@ import os
 import signal
 import sys
 import tempfile
+from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,7 +52,7 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body. Offsets count from the joint above (torso: its frame); y outward for a leg."""
+    """A rigid body. `com` is seen from the joint above (torso: its frame); y outward for a leg."""
     mass: float  # [kg]
     com: tuple  # [m] centre of mass (x, y, z)
     inertia: tuple  # [kg m²] about the centre of mass (x, y, z)
@@ -67,7 +67,7 @@ class RobotModel:
     shin: Link = Link(0.088, (0.0, 0.0, -0.085), (0.0003, 0.0003, 0.0001))
     foot: Link = Link(0.595, (0.006, 0.004, -0.019), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
-    hip_z: float = -0.041  # [m] hip below the torso frame
+    hip_z: float = -0.041  # [m] height of the hips in the torso frame
     thigh_length: float = 0.169  # [m] hip axis to knee axis
     shin_length: float = 0.170  # [m] knee axis to ankle axis
     ankle_height: float = 0.053  # [m] ankle axis above the sole
@@ -79,7 +79,7 @@ class RobotModel:
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] without load
-    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad] about our axes
+    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad] about z, x, y, y, y, x
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)
     armature: float = 0.01  # [kg m²] our choice
     # The world.
@@ -110,17 +110,17 @@ class RobotModel:
 class Spread:
     """How far ground and robot may be from the model in an episode; the robot is not told.
 
-    All zeros is the model itself. Every value is drawn evenly and by itself; sizes: our choice.
+    All zeros is the model itself. Every value is drawn uniformly, each alone; sizes: our choice.
     """
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
     stiction: float = 1.5  # [N m] 0 to this: static friction of every joint; public model: 2.55
-    delay: int = 1  # [ticks] 0, or this: 1, between the joint targets and the motors
+    delay: int = 1  # [ticks] 0 or this, as likely; at most 1: from joint target to motor
 
     def draw(self, rngs, robot):
         """One Body per generator, n in all."""
-        dice = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 35]
+        dice = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
         friction, mass, stiffness, stiction, delay = np.split(dice, [1, 10, 22, 34], axis=1)
         return Body(np.maximum(0, robot.friction + self.friction * friction[:, 0]),
                     1 + self.mass * mass, 1 + self.stiffness * stiffness,
@@ -139,13 +139,13 @@ class Body:
 class Trajectory:
     """What N robots are asked to do in T control ticks; sample 0 is where the last one ended."""
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
-    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; MuJoCo needs none
+    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; only the plane reads it
 
 @dataclass
 class Motion:
     """What physics did with N robots: at the end of each of T control ticks, or at the very end."""
     torso: np.ndarray  # [N, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
-    joints: np.ndarray  # [N, T, 12] measured angles [rad]; those that a plane lacks as commanded
+    joints: np.ndarray  # [N, T, 12] measured [rad]; joints that the plane lacks: as commanded
     spin: np.ndarray  # [N, 3] angular velocity of the torso about its own axes [rad/s], at the end
     fell: np.ndarray  # [N] bool: fell at any control tick
 
@@ -202,9 +202,9 @@ def leg_points(robot, joints):
 def leg_inverse(robot, position, foot_turn):
     """Joint angles [..., 6] [rad] of one leg, analytically.
 
-    position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. A
-    pose out of reach is pulled along the line from the hip to the nearest one that the leg can
-    take; then the angles are clipped to the joint limits.
+    position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
+    ankle out of reach is moved along its line to the hip, no farther than it must; at last the
+    angles are clipped to the joint limits.
 
          o hip       Two sides of a triangle are the thigh and the shin, the third is r, from the
           \\          ankle to the hip. Its length gives the knee. The leg is flat, so only the
@@ -221,7 +221,7 @@ def leg_inverse(robot, position, foot_turn):
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
     ankle_roll = np.arctan2(ry, rz)
-    # Pitch of r seen from the shin and from the foot.
+    # Pitch of r in the shin's frame, (−thigh·sin knee, 0, shin + thigh·cos knee), and the foot's.
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
@@ -265,10 +265,7 @@ def body_points(robot, torso, joints):  # [..., 6], [..., 12]
     return world, base @ foot_turn
 
 def stance(robot, height=0.395, foot_distance=0.18, pitch=0.1, planar=False, x_offset=0.0):
-    """Standing at the origin: the torso's pose [6] and the joints [12].
-
-    The trunk is `x_offset` ahead of the middle of the feet.
-    """
+    """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12]."""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
@@ -280,7 +277,7 @@ def fallen(torso, standing_height):
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
 def add_leg(robot, spec, leg, side):
-    """One leg, from the hip down: bodies within bodies, each with its joints and motors."""
+    """One leg, from the hip down: nested bodies, joints and motors; side: 1 left, −1 right."""
     import mujoco
 
     body, axes = spec.body("torso"), np.eye(3)[[2, 0, 1, 1, 1, 0]]  # z, x, y, y, y, x
@@ -325,9 +322,8 @@ def mujoco_model(robot):
     spec.option.disableflags = bit.mjDSBL_WARMSTART | bit.mjDSBL_ISLAND
     ground = mujoco.mjtGeom.mjGEOM_PLANE
     spec.worldbody.add_geom(name="ground", type=ground, size=(0, 0, 1), contype=0, conaffinity=0)
-    link = robot.torso
-    torso = spec.worldbody.add_body(name="torso", mass=link.mass, inertia=link.inertia,
-                                    ipos=link.com, explicitinertial=True)
+    torso = spec.worldbody.add_body(name="torso", mass=robot.torso.mass, ipos=robot.torso.com,
+                                    inertia=robot.torso.inertia, explicitinertial=True)
     torso.add_freejoint()
     add_leg(robot, spec, "left", 1)
     add_leg(robot, spec, "right", -1)
@@ -346,13 +342,11 @@ def euler(quaternion):
 
 class MujocoSim:
     """N robots in 3-D. One call of `mujoco.rollout` runs all of them on all cores."""
-    # Columns of MuJoCo's state [38]: time; place, quaternion, joint angles; then the velocities of
-    # place (20 to 22), turning about the torso's axes, joints.
+    # Columns of MuJoCo's state [38]; from 20 on velocities: place, turning (own axes), joints.
     TIME, PLACE, TURN, ANGLES, SPIN = 0, slice(1, 4), slice(4, 8), slice(8, 20), slice(23, 26)
 
     def __init__(self, num_robots, standing, robot=RobotModel(), cores=1):
-        import mujoco  # only here: everything else works without MuJoCo
-        from mujoco.rollout import Rollout
+        import mujoco.rollout  # only here: everything else works without MuJoCo
 
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
@@ -360,7 +354,7 @@ class MujocoSim:
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = Rollout(nthread=cores if cores > 1 else 0)
+        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)
         self.standing_height = torso[2]
         self.start = np.zeros(1 + self.model.nq + self.model.nv)  # [38] standing at the origin
         self.start[self.PLACE], self.start[self.ANGLES] = torso[:3], joints
@@ -401,12 +395,10 @@ class MujocoSim:
         self.control[robots] = control[:, -1]
         control = np.where(self.delay[robots, None, None], late, control)
         control = np.repeat(control, robot.substeps, axis=1)
-        models = [self.models[i] for i in robots]
-        states, _ = self.pool.rollout(models, self.data, start, control)
+        states, _ = self.pool.rollout([self.models[i] for i in robots], self.data, start, control)
         # MuJoCo restarts a diverged robot at time 0: a healthy-looking teleport. It is a fall.
-        expected = start[:, self.TIME] + rate.shape[1] * robot.control_dt
-        lost = ~np.isfinite(states).all((1, 2))
-        lost |= np.abs(states[:, -1, self.TIME] - expected) > 1e-6
+        passed = states[:, -1, self.TIME] - start[:, self.TIME]  # [n] [s]
+        lost = ~np.isfinite(states).all((1, 2)) | (passed < rate.shape[1] * robot.control_dt - 1e-6)
         states[lost] = start[lost, None]
         self.state[robots] = states[:, -1]
         seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks
@@ -419,7 +411,7 @@ class MujocoSim:
 
 # ------------------------------------------------------------------------ pymunk, planar
 def planar_links(robot):
-    """The seven bodies: torso with both hip motors in it; thigh, shin, foot; and again."""
+    """The seven bodies: torso with both hips' motors; left thigh, shin, foot; the right ones."""
     parts = [(robot.torso, 0.0), (robot.hip, robot.hip_z), (robot.hip, robot.hip_z)]
     mass = sum(link.mass for link, _ in parts)
     centre = sum(link.mass * (link.com[2] + z) for link, z in parts) / mass
@@ -432,14 +424,9 @@ class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
 
     pymunk's y is our z, and its angles turn x towards y: a body's pitch is minus its angle. Yaw ψ
-    is a degree of freedom of its own. Every tick the lag e grows by the commanded minus the true
-    turn, and the hip pushes the torso after with what its motor and the friction under a sole bear:
-
-        bound = min(motor limit, r·√((μ·F)² − F_x²)),   τ = clip(k·e + c·ė, ±bound),   I·ψ̈ = τ,
-        |e| ≤ bound / k
-
-    F, F_x: measured force of the ground, up and ahead: together they share the friction; r: mean
-    radius of a sole. Beyond bound / k the sole slips: that part of the command is lost. Sideways
+    is a degree of freedom of its own: every tick the lag e grows by the commanded minus the true
+    turn, and the hip pushes the torso after it, as hard as its motor and the friction under a sole
+    bear (`_run_yaw`). Beyond that the sole slips, and that part of the command is lost. Sideways
     follows the command and cannot fall.
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
@@ -455,8 +442,7 @@ class PymunkSim:
         self.spaces, self.motors = [None] * num_robots, [None] * num_robots
         self.bodies = np.zeros((num_robots, 7, 6))
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
-        self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
-        self.yaw_lag = np.zeros(num_robots)  # e [rad]
+        self.yaw_rate, self.yaw_lag = np.zeros((2, num_robots))  # ψ̇ [rad/s], e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.buffer = pymunk.batch.Buffer()
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
@@ -468,10 +454,7 @@ class PymunkSim:
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
-        """Put these robots (indices [n]) back to standing at the origin; body: what they drew.
-
-        A motor here is a speed with a largest torque; static friction is taken from that torque.
-        """
+        """Put these robots (indices [n]) back to standing at the origin; body: what they drew."""
         if body is not None:
             self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
             self.friction[robots], self.delay[robots] = body.friction, body.delay
@@ -514,6 +497,7 @@ class PymunkSim:
                 space.add(shape)
             if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
+                # A motor is a speed with a largest torque; static friction is taken from that.
                 motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
                 motors[-1].max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
                 limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
@@ -548,7 +532,7 @@ class PymunkSim:
         x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
         down = self.links[0].com[2]  # [m]
         x, z = x + down * np.sin(angle), z - down * np.cos(angle)
-        moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] measured; as commanded
+        moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
         torso = np.zeros((*wanted.shape[:2], 6))
         torso[..., :2] = pose[:, None, :2] + np.cumsum(turned(moved, yaw[:, :-1]), 1)
         torso[..., 2], torso[..., 4], torso[..., 5] = z[:, 1:], -angle[:, 1:], yaw[:, 1:]
@@ -558,8 +542,7 @@ class PymunkSim:
         fell = fallen(torso, self.standing_height).any(1) | self.lost[robots]
         # Pitch rate about y and yaw rate about the vertical, seen from a torso with this pitch.
         pitch, yaw_rate = torso[:, -1, 4], self.yaw_rate[robots]
-        pitch_rate = -seen[:, -1, 0, self.SPIN]
-        spin = [-yaw_rate * np.sin(pitch), pitch_rate, yaw_rate * np.cos(pitch)]
+        spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(spin, -1), fell)
 
     def _run_plane(self, targets, robots):
@@ -577,8 +560,7 @@ class PymunkSim:
         for t in range(rates.shape[1]):
             # A motor that only followed the error would lag behind a moving target: add its rate.
             error = wanted[:, t, 0] - self._angles(seen[:, t])
-            speeds = wanted[:, t, 1] + self.gain[robots] * error
-            speeds = np.minimum(np.maximum(speeds, -limit), limit)
+            speeds = np.clip(wanted[:, t, 1] + self.gain[robots] * error, -limit, limit)
             for i, row in zip(numbers, speeds.tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     set_rate(motor, speed)
@@ -592,12 +574,13 @@ class PymunkSim:
         return seen
 
     def _run_yaw(self, seen, turn, robots):
-        """Yaw ψ [n, T + 1]; bodies [n, T + 1, 7, 6], commanded turn in every tick [n, T] [rad]."""
+        """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and turns asked for [n, T] [rad]."""
         robot, dt = self.robot, self.robot.control_dt
         k, c = robot.yaw_stiffness, robot.yaw_damping
-        # F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0: only the ground can push or hold. [n, T] [N]
+        # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
         ahead, up = np.moveaxis((change * self.masses[robots, None, :, None]).sum(2), -1, 0)
+        # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
         grip = (self.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
@@ -605,13 +588,11 @@ class PymunkSim:
         for t in range(turn.shape[1]):
             bound = bounds[:, t]
             # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
-            torque = k * lag + c * (turn[:, t] / dt - rate)
-            torque = np.minimum(np.maximum(torque, -bound), bound)
+            torque = np.clip(k * lag + c * (turn[:, t] / dt - rate), -bound, bound)
             rate = rate + torque / robot.yaw_inertia * dt
             yaw[:, t + 1] = yaw[:, t] + rate * dt
             # |e| ≤ bound / k: what would make it larger turns the sole on the ground
-            lag = lag + turn[:, t] - rate * dt
-            lag = np.minimum(np.maximum(lag, -bound / k), bound / k)
+            lag = np.clip(lag + turn[:, t] - rate * dt, -bound / k, bound / k)
         self.yaw_rate[robots], self.yaw_lag[robots] = rate, lag
         return yaw
 
@@ -625,19 +606,16 @@ def serve(pipe, *settings):
     sim = PymunkSim(*settings)
     with contextlib.suppress(EOFError, ConnectionError):
         while True:
-            method, (robots, *parts) = pipe.recv()
-            arguments = (*parts, robots) if method == "run" else (robots, *parts)
-            pipe.send(getattr(sim, method)(*arguments))
+            method, robots, part = pipe.recv()
+            pipe.send(sim.run(part, robots) if method == "run" else sim.reset(robots, part))
 
 class Workers:
     """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pipes, self.processes = [], []
-        # A process would import the file that was started, and PyTorch with it: it must not know.
-        script = vars(sys.modules["__main__"])
-        known = script.keys() & {"__file__"} if serve.__module__ != "__main__" else ()
-        hidden = {name: script.pop(name) for name in known}
+        # A process imports what was started: let it be this file, not a later stage and PyTorch.
+        started, sys.modules["__main__"] = sys.modules["__main__"], sys.modules[serve.__module__]
         for w in range(cores):
             pipe, end = context.Pipe()
             settings = end, len(range(w, num_robots, cores)), standing, robot
@@ -645,22 +623,22 @@ class Workers:
             self.processes[-1].start()
             end.close()
             self.pipes.append(pipe)
-        script.update(hidden)
+        sys.modules["__main__"] = started
 
-    def _ask(self, method, robots, *parts):
-        """Every process does it for its own of the robots [n]: rows of each, and its answers."""
+    def _ask(self, method, robots, part):
+        """Has every process do this for its own of the robots [n]; their rows, and all answers."""
         robots, count = np.asarray(robots, int), len(self.pipes)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         try:
             for own, pipe in zip(rows, self.pipes):
-                share = (type(part)(*(v[own] for v in vars(part).values())) for part in parts)
-                pipe.send((method, (robots[own] // count, *share)))
+                share = part and type(part)(*(v[own] for v in vars(part).values()))
+                pipe.send((method, robots[own] // count, share))
             return rows, [pipe.recv() for pipe in self.pipes]
         except (EOFError, ConnectionError) as error:
             raise OSError("a process of the simulator has ended, start again") from error
 
     def reset(self, robots, body=None):
-        self._ask("reset", robots, *([] if body is None else [body]))
+        self._ask("reset", robots, body)
 
     def run(self, trajectory, robots):
         rows, motions = self._ask("run", robots, trajectory)
@@ -687,14 +665,13 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
 def whole(text, least=0, most=math.inf):
     """A whole number of the command line."""
     if not text.isdecimal() or not least <= int(text) <= most:
-        raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
+        raise ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
     return int(text)
 
-class StageParser(argparse.ArgumentParser):
+class StageParser(ArgumentParser):
     """The flags of every stage; a wrong value gets one clear line and exit code 2."""
     def __init__(self, doc, prog=None):
-        raw = argparse.RawDescriptionHelpFormatter
-        super().__init__(prog=prog, description=doc, formatter_class=raw)
+        super().__init__(prog, description=doc, formatter_class=RawDescriptionHelpFormatter)
         self.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
                           default="pymunk", help="3-D instead of the sagittal plane")
         self.add_argument("--seed", type=whole, default=0, help="same seed, same numbers")

@@ -40,12 +40,12 @@ class WalkParameters:
     foot_distance: float = 0.18  # [m] between the ankles when standing
     foot_rise: float = 0.05  # [m] apex of the swing foot
     trunk_height: float = 0.395  # [m] torso frame above the soles
-    trunk_phase: float = -0.1  # [single steps] trunk later than the feet; above −0.5, below 0.5
+    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; above −0.5, below 0.5
     trunk_pitch: float = 0.1  # [rad] forward lean
-    trunk_swing: float = 0.3  # [-] how far the trunk moves from the middle to the support foot
+    trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot it takes
     trunk_x_offset: float = 0.0  # [m] trunk ahead of the middle of the feet
     pitch_per_step: float = 0.0  # [rad/m] lean added per forward step length
-    pitch_per_turn: float = 0.0  # [-] lean added per turn of a step
+    pitch_per_turn: float = 0.0  # [rad/rad] lean added per turn in a single step, to either side
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class StepLimits:
     high: tuple
     load: float = 1.5  # [-] largest sum of the shares of x, y and yaw; 3 would allow everything
 
-TUNED = {  # by `--tune` and, in two rounds of an earlier version, `--tune --mujoco`, 2026-11-21
+TUNED = {  # `--tune`, and `--tune --mujoco` twice in an earlier version, gave these; 2026-11-21
     "pymunk": WalkParameters(
         frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
         trunk_phase=0.0353, trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024,
@@ -134,7 +134,7 @@ class WalkEngine:
         self.trunk[robots, :, 0] = p.trunk_x_offset, 0, 0, p.trunk_pitch
 
     def landings(self, right, footsteps):
-        """Poses [n, 3] on which the left and then the right foot land; right [n, 3] stands."""
+        """Where the left and then the right foot land [n, 3]; right [n, 3], footsteps [n, 2, 3]."""
         beside = np.array([[0, 1, 0], [0, -1, 0]]) * self.parameters.foot_distance
         steps = footsteps * MIRROR + beside  # [n, 2, 3] each foot seen from the other one
         left = compose(right, steps[:, LEFT])
@@ -285,7 +285,10 @@ def random_plans(rng, limits, count):
     return within(rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3)), limits)
 
 def highest_speed(poses, fall, period):
-    """{direction: [m/s, rad/s]} of rows as in `speed_plans`: fastest below the first that fell."""
+    """{direction: [m/s, rad/s]} of rows as in `speed_plans`: fastest below the first that fell.
+
+    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s].
+    """
     # speed = |way along the direction's axis| / (double steps that go, Σ PATTERN · period)
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
@@ -298,14 +301,14 @@ def highest_speed(poses, fall, period):
 def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
     points, turn = robot_model.body_points(robot, torso, joints)
-    ankle, z = points[..., 2, :], turn[..., 2, :]  # z [..., 2, 3]: heights of the foot's x, y, z
+    ankle, z = points[..., 2, :], turn[..., 2, :]  # z [..., 2, 3]: rise per metre along x, y, z
     middle = np.array([1, -1]) * robot.foot_outward  # of the left and of the right sole
     heights = [x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
                for x in (-robot.foot_back, robot.foot_front)
                for y in (-robot.foot_width / 2, robot.foot_width / 2)]
     return ankle, ankle[..., 2] + np.min(heights, 0)
 
-def measure(sim, parameters, seed=0, limits=None):
+def measure(sim, parameters, seed=0):
     """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
 
     speeds: per μ of FRICTION, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
@@ -315,8 +318,7 @@ def measure(sim, parameters, seed=0, limits=None):
     other foot is in the air, median [m].
     """
     rng, straight = np.random.default_rng(seed), speed_plans()
-    rough = random_plans(rng, limits or LIMITS[sim], PLANS)
-    plans = np.concatenate([*[straight] * len(FRICTION), rough])
+    plans = np.concatenate([*[straight] * len(FRICTION), random_plans(rng, LIMITS[sim], PLANS)])
     body = robot_model.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     body.friction[: -PLANS] = np.repeat(FRICTION, len(straight))
     clearance, slip = [], []
@@ -370,12 +372,11 @@ def score(sim, measured):
     random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
     makes a slow direction count more than a fast one.
     """
-    real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # as commanded
+    real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
     worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
     off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
     feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
-    return (np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off)
-            + feet)
+    return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
 def tune(sim, seed, iterations=10, population=28, elite=7):
     """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
@@ -428,9 +429,8 @@ def main():
         return
     engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
     print(f"{args.sim}: a double step takes {engine.period:.2f} s")
-    footsteps = np.array([[[0.08, 0, 0], [0.08, 0, 0]]])  # straight ahead
-    engine.plan(footsteps, [0])
-    trajectory, feet = engine.plan(footsteps, [0])  # not from standing
+    for _ in range(2):  # the second double step: not from standing
+        trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
     time = np.arange(feet.shape[1]) * engine.robot.control_dt
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"

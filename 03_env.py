@@ -91,8 +91,7 @@ def observation_table(imu=False):
 def stream(name, seed, *more):
     """A random generator of its own for every purpose, seed, and number of a trial."""
     # + 1, because numpy takes (seed, 0) for the same as (seed).
-    numbers = [STREAMS[name], seed, *(number + 1 for number in more)]
-    return np.random.default_rng(np.random.SeedSequence(numbers))
+    return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
 
 def checked(name, value, *shape):
     """The value as an array of that shape; one line of ValueError if it is none, or not finite."""
@@ -142,7 +141,7 @@ def to_action(footsteps, limits):
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
-    the reward. What a fall, a double step and a change of the steps cost counts negative.
+    the reward. Costs (a fall, a double step, a change of the steps) are negative.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
     [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress: each is Φ′ − Φ
@@ -171,7 +170,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
 # ------------------------------------------------------------------------ the world
 @dataclass(frozen=True)
 class View:
-    """All that n robots know when they decide, but for the measured goals: plain copies."""
+    """What n robots know when they decide, beside the measured goals; all of it is copied."""
     period: float  # [s] of a double step
     limits: walk_engine.StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
@@ -196,7 +195,6 @@ class FootstepWorld:
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
-        # Generators of the episode, by purpose.
         self.dice = [dict(zip(PURPOSES, rng.spawn(len(PURPOSES)))) for rng in self.rng]
         self.friction = np.zeros(num_robots)  # μ of the episode
         self.goal = np.zeros((num_robots, 3))
@@ -217,10 +215,8 @@ class FootstepWorld:
         friction = np.zeros(len(robots)) + friction
         if (friction < 0).any() or (friction > 100).any():
             raise ValueError(f"friction must be from 0 to 100, got {friction}")
-        for i, rng in zip(robots, rngs):
-            self.rng[i] = rng
-        for i in robots:
-            self.dice[i] = dict(zip(PURPOSES, self.rng[i].spawn(len(PURPOSES))))
+        for i, rng in zip(robots, rngs or [self.rng[i] for i in robots]):
+            self.rng[i], self.dice[i] = rng, dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
         if goals is None:  # every second one is far
             dice = [self.dice[i]["goal"] for i in robots]
             goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
@@ -319,10 +315,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
         self.num_envs, self.imu = num_envs, imu
-        self.single_observation_space, self.single_action_space = spaces(imu)
-        batch = gym.vector.utils.batch_space
-        self.observation_space = batch(self.single_observation_space, num_envs)
-        self.action_space = batch(self.single_action_space, num_envs)
+        self.single_observation_space, self.single_action_space = singles = spaces(imu)
+        self.observation_space, self.action_space = (
+            gym.vector.utils.batch_space(space, num_envs) for space in singles)
         self.world = FootstepWorld(num_envs, sim, noise, **settings)
         self.neutral_action = self.world.neutral_action
         self._everybody = np.arange(num_envs)
@@ -331,7 +326,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         return self.world.observe(robots, self.world.measure(robots), self.imu)
 
     def reset(self, *, seed=None, options=None):
-        """New episodes; robot i has the seed + i. options["goals"] [N, 3] sets the goals."""
+        """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
         seeds = () if seed is None else range(int(seed), int(seed) + self.num_envs)
         rngs = [stream("training", number) for number in seeds]
         self.world.reset(self._everybody, rngs, (options or {}).get("goals"))
@@ -356,8 +351,6 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
-    metadata = {"render_modes": []}
-
     def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
         self.observation_space, self.action_space = spaces(imu)
         self.imu, self.world = imu, FootstepWorld(1, sim, noise, cores=1, **settings)
@@ -389,7 +382,7 @@ gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=Footste
 
 # ------------------------------------------------------------------------ demonstration
 def hand_written(measured, limits):
-    """A planner: walk to the goal, facing it from afar and turning like it nearby.
+    """A planner: walk to the goal, facing it from afar, looking where it looks from nearby.
 
     It knows nothing about dynamics and takes at most half of what the limits allow.
     Goals as measured [n, 3] -> actions [n, 6].
@@ -398,8 +391,8 @@ def hand_written(measured, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] where to look; from half a metre on: our choice
     low, high = np.array([limits.low, limits.high]) / 2
     footsteps = np.zeros((len(measured), 2, 3))
-    # Both feet share the way forward; sideways only the leading foot steps outward, to −y for the
-    # right one; yaw is limited by the smaller limit, low: inward.
+    # Both feet share the way forward. Sideways only the leading foot steps, outward. A turn is
+    # outward for one foot, inward for the other: the smaller limit, low (inward), counts for both.
     footsteps[:, :, 0] = np.clip(measured[:, 0] / 2, low[0], high[0])[:, None]
     footsteps[:, 0, 1] = np.clip(measured[:, 1], 0, high[1])
     footsteps[:, 1, 1] = np.clip(-measured[:, 1], 0, high[1])
@@ -415,9 +408,8 @@ def main():
     for name, unit, low, high in observation_table(args.imu):
         print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
     print(f"\n{'action (outward is positive)':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}")
-    for i, name in enumerate(ACTION_NAMES):
-        unit, low, high = ("m", "m", "rad")[i % 3], limits.low[i % 3], limits.high[i % 3]
-        print(f"{name:32s} {unit:>22s} {low:7.2f} {high:7.2f}")
+    for row in zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2):
+        print("{:32s} {:>22s} {:7.2f} {:7.2f}".format(*row))
 
     envs = FootstepVectorEnv(64, args.sim, imu=args.imu)
     dice = stream("training", args.seed, 0)
@@ -426,19 +418,16 @@ def main():
     print(f"\n64 robots, 60 double steps ({60 * envs.world.engine.period:.0f} s) each")
     for planner, act in planners.items():
         envs.reset(seed=args.seed)
-        ends, terms = {"success": 0, "fall": 0}, []
-        for _ in range(60):
-            *_, infos = envs.step(act(envs.world.measure(np.arange(64)), limits))
-            terms.append({name: r[0] for name, r in infos["reward_terms"].items()})  # of robot 0
-            for name in ends:
-                ends[name] += infos.get("final_info", {name: np.zeros(1, int)})[name].sum()
-        print(f"{planner:13s}: {ends['success']} episodes at the goal, {ends['fall']} falls")
+        rows = [envs.step(act(envs.world.measure(np.arange(64)), limits))[-1]["reward_terms"]
+                for _ in range(60)]
+        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [60, 64] each
+        goals, falls = (paid["r_goal"] > 0).sum(), (paid["r_fall"] < 0).sum()
+        print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    for name, word, style in zip(terms[0], words, ("-", "--", ":", "-.", "x", "o-", "+")):
-        axis.plot(range(1, 61), np.cumsum([row[name] for row in terms]), style, markevery=5,
-                  label=f"{name}: {word}")  # of the hand-written planner
+    for (name, r), word, style in zip(paid.items(), words, ("-", "--", ":", "-.", "x", "o-", "+")):
+        axis.plot(range(1, 61), r[:, 0].cumsum(), style, markevery=5, label=f"{name}: {word}")
     axis.set(title=f"What each reward has paid robot 0, hand-written planner ({args.sim})",
              xlabel="double step (several episodes)", ylabel="sum of rewards so far [1]")
     axis.legend(ncols=2)
