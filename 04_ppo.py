@@ -8,8 +8,7 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
-    python 04_ppo.py --env Pendulum-v1 --steps 150000     another world, with a bounded Box action;
-                                     what it shows and pays is normalised there
+    python 04_ppo.py --env Pendulum-v1 --steps 150000     another world: bounded Box, normalised
 
 Expect: success rises, falls sink; then policy.pt, learning_curve.csv and .png in runs/<sim>/, and
 checkpoint.pt to resume from. The goal is measured with noise (--no-noise: exactly).
@@ -24,8 +23,7 @@ E[A·∇ln π(a|s)] is the way to go (policy gradient): good actions become more
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
-The loop: (1) collect, N robots take T steps each; (2) judge, the advantage of every action; (3)
-improve, several rounds of gradient steps; (4) log. Repeat.
+The loop: (1) collect, N robots take T steps; (2) judge every action; (3) improve; (4) log. Repeat.
 
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
 there is no future: the sum of the later rewards is 0, and that is the truth; at the goal likewise.
@@ -38,15 +36,15 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large KL, memo
 
 [7] Schulman et al.: Proximal Policy Optimization Algorithms, 2017, arXiv 1707.06347.
 [8] Raffin et al.: Stable-Baselines3: Reliable Reinforcement Learning Implementations, 2021.
-[GAE] Schulman et al.: High-Dimensional Continuous Control Using Generalized Advantage Estimation,
-    arXiv 1506.02438, 2015.
+[GAE] Schulman et al.: High-Dimensional Continuous Control Using GAE, 2015, arXiv 1506.02438.
 """
 
 import argparse
+import contextlib
 import os
-import re
 import time
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -59,6 +57,7 @@ from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
+torch.set_num_threads(1)  # matrices this small are slower on several threads
 STEPS, QUICK_STEPS = 1_000_000, 60_000  # double steps; as many as the paper's
 
 @dataclass(frozen=True)
@@ -78,7 +77,7 @@ class PPOConfig:
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
     sharpest: float = 4.0  # exploration fades: π^k, k grows linearly from 1 to this [own]
     normalize: bool = False  # observations and rewards; stage 3's have the right size [own]
-    checkpoint_every: int = 10  # updates; see `Run.begin_again` [own]
+    checkpoint_every: int = 10  # updates; see `train` [own]
     unsettled: int = 3  # updates after that without time-outs, or with many: not logged [own]
 FOREIGN = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, normalize=True)  # --env
 PENDULUM = replace(FOREIGN, gamma=0.95)  # what it does now is seen within 20 steps
@@ -150,10 +149,9 @@ class ActorCritic(nn.Module):
             return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mode.numpy()
 
 # ------------------------------------------------------------------------ one update of PPO
-def collect(model, envs, obs, steps, bar):
-    """(1) N robots take T steps each, from the observations obs [N, …] on.
-
-    Returns tensors [T, N, …] by name, the observations to go on from, and the infos of every step.
+def collect(model, envs, obs, steps):
+    """(1) N robots take T steps each, from the observations obs [N, …] on: tensors [T, N, …] by
+    name, the observations to go on from, and the infos of every step.
     """
     memory, infos = [], []
     for _ in range(steps):
@@ -169,7 +167,6 @@ def collect(model, envs, obs, steps, bar):
                 "terminated": terminated, "truncated": truncated}
         memory.append({"action": action, **{name: torch.tensor(v) for name, v in step.items()}})
         infos.append(info)
-        bar.update(len(obs))
         obs = after
     return {name: torch.stack([step[name] for step in memory]) for name in memory[0]}, obs, infos
 
@@ -189,8 +186,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     advantages = torch.zeros_like(rewards)
     later = torch.zeros_like(rewards[0])  # [N] A_{t+1}
     for t in reversed(range(len(rewards))):
-        later = deltas[t] + gamma * lam * goes_on[t] * later
-        advantages[t] = later
+        later = advantages[t] = deltas[t] + gamma * lam * goes_on[t] * later
     return advantages
 
 def clipped_objective(ratio, advantage, clip):
@@ -217,10 +213,9 @@ def judge(model, data, cfg):
     return advantages.flatten(), targets.flatten(), old_log_prob.flatten()
 
 def improve(model, optimizer, data, cfg):
-    """(3) Take gradient steps on a rollout (tensors [T, N, …]); returns numbers to watch.
-
-    Before the first step: entropy, explained_variance; after the last one: clip_fraction,
-    approx_kl, value_loss; all of them on all samples.
+    """(3) Take gradient steps on a rollout (tensors [T, N, …]); returns numbers to watch, on all
+    samples: entropy, explained_variance of before the first step; clip_fraction, approx_kl,
+    value_loss of after the last one.
     """
     advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
@@ -262,9 +257,8 @@ def episode_means(infos):
     """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
     ended = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
     for info in infos:  # "return" is here the sum of the rewards, not discounted
-        final = dict(info.get("final_info", {}))
-        if "episode" in info:  # of RecordEpisodeStatistics
-            final |= {"return": info["episode"]["r"], "length": info["episode"]["l"]}
+        told = info.get("episode", {})  # of RecordEpisodeStatistics
+        final = {**info.get("final_info", {}), "return": told.get("r"), "length": told.get("l")}
         for i in np.flatnonzero(info.get("_episode", ())):
             for name in ended.keys() & final.keys():
                 if name != "time" or "success" not in final or final["success"][i]:  # [s]
@@ -289,14 +283,11 @@ def atomic_write(path, write):
 def load_plain(path):
     """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
     try:
-        stored = torch.load(path, map_location="cpu", weights_only=True)
+        return dict(torch.load(path, map_location="cpu", weights_only=True))
     except FileNotFoundError as error:
         raise PolicyError(f"{path}: no such file") from error
     except Exception as error:  # torch raises many types, with messages of many lines
-        raise PolicyError(f"{path}: damaged, or not a file of plain tensors") from error
-    if not isinstance(stored, dict) or stored.get("format") != 1:
-        raise PolicyError(f"{path}: not written by 04_ppo.py")
-    return stored
+        raise PolicyError(f"{path}: damaged, or not written by 04_ppo.py") from error
 
 def difference(stored, wanted):
     """"name is A in the file, but B here": the first entry that differs, or ""."""
@@ -310,7 +301,7 @@ def difference(stored, wanted):
 
 def save_policy(path, model, meta):
     """Writes the model and `meta` (plain values); an older file becomes <name>.previous.pt."""
-    stored = {"format": 1, **meta, **model.shape, "state_dict": model.state_dict()}
+    stored = {**meta, **model.shape, "state_dict": model.state_dict()}
     if path.exists():
         previous = path.with_name(path.stem + ".previous" + path.suffix)
         atomic_write(previous, lambda temporary: temporary.write_bytes(path.read_bytes()))
@@ -318,18 +309,37 @@ def save_policy(path, model, meta):
 
 def load_policy(path):
     """(model, meta); meta["fits"] says what the policy was trained for."""
-    stored = load_plain(path)
+    meta = load_plain(path)
     try:
-        weights = stored.pop("state_dict")
-        meta = dict(stored, fits=dict(stored["fits"]))
-        model = ActorCritic(stored["obs_dim"], stored["act_dim"], stored["hidden"],
-                            normalize=stored.get("normalize", False))
-        model.load_state_dict(weights)
-        if not all(torch.isfinite(tensor).all() for tensor in weights.values()):
-            raise ValueError("not finite")
+        model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"],
+                            normalize=meta.get("normalize", False))
+        model.load_state_dict(meta.pop("state_dict"))
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise PolicyError(f"{path}: not a policy, of another shape, or not finite") from error
+        raise PolicyError(f"{path}: not a policy, or of another shape") from error
     return model, meta
+
+def save_checkpoint(out, about, rows, model, optimizer):
+    """All that a resumed training needs, and the log so far as a table."""
+    stored = {"about": about, "update": len(rows), "rows": rows,
+              "model": model.state_dict(), "optimizer": optimizer.state_dict()}
+    atomic_write(out / "checkpoint.pt", lambda temporary: torch.save(stored, temporary))
+    table = [list(row.values()) for row in rows]
+    atomic_write(out / "learning_curve.csv", lambda temporary: np.savetxt(
+        temporary, table, "%.6g", ",", header=",".join(rows[0]), comments=""))
+
+def load_checkpoint(path, about, model, optimizer):
+    """Puts the networks and Adam's state back where a training stopped; returns its log."""
+    stored = load_plain(path)
+    if mismatch := difference(stored.get("about", {}), about):
+        raise PolicyError(f"{path}: cannot resume: {mismatch}")
+    try:
+        model.load_state_dict(stored["model"])
+        optimizer.load_state_dict(stored["optimizer"])
+        if stored["update"] != len(stored["rows"]):
+            raise ValueError("its log is of another training")
+        return stored["rows"]
+    except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise PolicyError(f"{path}: not a checkpoint of this training") from error
 
 # ------------------------------------------------------------------------ the loop
 def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, progress=True,
@@ -339,94 +349,56 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
     about: plain values that say what is learned; stage 5 checks its "fits".
     """
-    torch.set_num_threads(1)  # matrices this small are slower on several threads
     torch.manual_seed(random_seed(seed))
     about = {"fits": {}, **(about or {}), "seed": seed, "steps": total_steps, "config": asdict(cfg)}
-    run = Run(Path(out), about, resume)
-    updates = -(-total_steps // (cfg.num_envs * cfg.rollout))  # rounded up to whole updates
+    samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
+    updates = -(-total_steps // samples)  # rounded up to whole updates
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
     model = make_model(envs.single_observation_space.shape[0], envs.single_action_space.shape[0],
                        cfg.hidden, getattr(envs.unwrapped, "neutral_action", 0.5),  # of stage 3
                        cfg.first_concentration, cfg.normalize)
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [8]
-    if run.checkpoint:
-        try:
-            model.load_state_dict(run.checkpoint["model"])
-            optimizer.load_state_dict(run.checkpoint["optimizer"])
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-            raise PolicyError(f"{run.path}: not a checkpoint of this training") from error
-    bar = tqdm(total=updates * cfg.num_envs * cfg.rollout, unit=" steps", disable=not progress,
-               initial=run.update * cfg.num_envs * cfg.rollout, dynamic_ncols=True)
-    try:
-        for update in range(run.update, updates):
-            if update % cfg.checkpoint_every == 0:
-                obs = run.begin_again(update, envs, model, optimizer)
-            learning_rate = cfg.learning_rate * (1.0 - update / updates)
-            optimizer.param_groups[0]["lr"] = learning_rate
+    out, rows = Path(out), []
+    out.mkdir(parents=True, exist_ok=True)
+    if resume:
+        rows = load_checkpoint(out / "checkpoint.pt", about, model, optimizer)
+    elif (out / "checkpoint.pt").exists():  # of an older training
+        os.replace(out / "checkpoint.pt", out / "checkpoint.previous.pt")
+    first, started = len(rows), time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
+    bar = tqdm(range(first, updates), total=updates, initial=first, unit=" steps",
+               unit_scale=samples, disable=not progress, dynamic_ncols=True)
+    with contextlib.closing(envs), bar:
+        for update in bar:
+            if update % cfg.checkpoint_every == 0:  # a point to resume from
+                # A resumed training must do bit for bit what the uninterrupted one does. So nothing
+                # but the networks, Adam's state and the number of the update reaches across this
+                # point, in either: from here on there are new seeds and new episodes.
+                if update > first:
+                    save_checkpoint(out, about, rows, model, optimizer)
+                torch.manual_seed(random_seed(seed, 1 + update))
+                obs, _ = envs.reset(seed=random_seed(seed, 1 + update))
+            rate = optimizer.param_groups[0]["lr"] = cfg.learning_rate * (1.0 - update / updates)
             model.sharpness = 1.0 + (cfg.sharpest - 1.0) * update / updates
-            data, obs, infos = collect(model, envs, obs, cfg.rollout, bar)
+            data, obs, infos = collect(model, envs, obs, cfg.rollout)
             watched = improve(model, optimizer, data, cfg)
             if cfg.normalize:
                 learn_scales(model, data, cfg)
             settled = update % cfg.checkpoint_every >= cfg.unsettled
-            watched |= {**episode_means(infos if settled else []), "learning_rate": learning_rate}
-            run.log((update + 1) * cfg.num_envs * cfg.rollout, watched, bar)
+            row = {"steps": (update + 1) * samples, "minutes": (time.monotonic() - started) / 60,
+                   **watched, **episode_means(infos if settled else []), "learning_rate": rate}
+            rows.append(row)
+            bar.set_postfix({name: f"{row[name]:.3g}" for name in ("success", "fall", "return")})
+            if not np.isfinite(row["value_loss"]):
+                raise FloatingPointError(f"after {row['steps']} steps: the loss is not finite")
         model.sharpness = cfg.sharpest
-        if run.update < updates:  # the policy first: the last checkpoint says that it exists
-            done = {key: run.rows[-1][key] for key in ("steps", "minutes")}
-            save_policy(run.out / "policy.pt", model, {**run.about, **done})
-            run.save(updates, model, optimizer)
-    finally:
-        bar.close()
-        envs.close()
-    return model, run.rows
+        if first < updates:  # the policy first: the last checkpoint says that it exists
+            done = {key: row[key] for key in ("steps", "minutes")}
+            save_policy(out / "policy.pt", model, {**about, **done})
+            save_checkpoint(out, about, rows, model, optimizer)
+    return model, rows
 
 def random_seed(*numbers):  # one made of several
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
-
-class Run:
-    """A training on disk: its log, its seeds, where to resume, and its policy in the end."""
-    def __init__(self, out, about, resume):
-        self.out, self.about, self.update, self.rows = out, about, 0, []
-        self.path, self.checkpoint = out / "checkpoint.pt", None
-        out.mkdir(parents=True, exist_ok=True)
-        if resume:
-            self.checkpoint = load_plain(self.path)
-            mismatch = difference(self.checkpoint.get("about", {}), about)
-            if mismatch:
-                raise PolicyError(f"{self.path}: cannot resume: {mismatch}")
-            self.update, self.rows = (self.checkpoint.get(key) for key in ("update", "rows"))
-            if not isinstance(self.rows, list) or self.update != len(self.rows):
-                raise PolicyError(f"{self.path}: not a checkpoint of this training")
-        elif self.path.exists():  # of an older training
-            os.replace(self.path, out / "checkpoint.previous.pt")
-        self.started = time.monotonic() - (60 * self.rows[-1]["minutes"] if self.rows else 0)  # [s]
-
-    def begin_again(self, update, envs, model, optimizer):
-        """A point to resume from: checkpoint, new seeds, new episodes; returns observations.
-
-        A resumed training must do bit for bit what the uninterrupted one does. So nothing but the
-        networks, Adam's state and the number of the update reaches across this point, in either.
-        """
-        if update > self.update:
-            self.save(update, model, optimizer)
-        torch.manual_seed(random_seed(self.about["seed"], 1 + update))
-        return envs.reset(seed=random_seed(self.about["seed"], 1 + update))[0]
-
-    def log(self, steps, row, bar):
-        self.rows.append({"steps": steps, "minutes": (time.monotonic() - self.started) / 60, **row})
-        bar.set_postfix({name: f"{row[name]:.3g}" for name in ("success", "fall", "return")})
-        if not np.isfinite(row["value_loss"]):
-            raise FloatingPointError(f"after {steps} steps: the loss is not finite")
-
-    def save(self, update, model, optimizer):
-        """All that a resumed training needs, and the log so far as a table."""
-        stored = {"format": 1, "about": self.about, "update": update, "rows": self.rows,
-                  "model": model.state_dict(), "optimizer": optimizer.state_dict()}
-        atomic_write(self.path, lambda temporary: torch.save(stored, temporary))
-        table = [list(row.values()) for row in self.rows]
-        atomic_write(self.out / "learning_curve.csv", lambda temporary: np.savetxt(
-            temporary, table, "%.6g", ",", header=",".join(self.rows[0]), comments=""))
 
 # ------------------------------------------------------------------------ the picture
 PANELS = (  # title, label of the vertical axis, columns
@@ -439,18 +411,16 @@ PANELS = (  # title, label of the vertical axis, columns
 )
 
 def plot_learning_curve(rows, path, title):
-    """Every panel of the log; each dot is an update."""
+    """Every panel of the log; each dot is an update, most is learned in the first ones."""
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
     figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), sharex=True, layout="constrained")
     for axes, (name, unit, columns) in zip(grid.flat, PANELS):
         for column, style in zip(columns, (".-", "x-", "^-")):
             y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
             axes.plot(steps[y == y], y[y == y], style, ms=5, lw=1, label=column)
-        axes.set(title=name, ylabel=unit, xlabel="steps of all robots together [thousands]",
-                 xscale="log")  # most of it is learned at the beginning
+        axes.set(title=name, ylabel=unit, xlabel="steps of all robots [thousands]", xscale="log")
         axes.grid(alpha=0.3)
-        if len(columns) > 1:
-            axes.legend()
+        axes.legend()
     grid[1, 2].set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
     figure.suptitle(title)
     atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
@@ -461,14 +431,12 @@ def foreign_envs(env_id, num_envs):
     """A registered Gymnasium environment for `train`: flat observations, actions in [0, 1]."""
     wrappers = (lambda one: gym.wrappers.RescaleAction(one, *np.float32([0, 1])),
                 gym.wrappers.FlattenObservation)
-    mode = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    envs = gym.make_vec(env_id, num_envs, "sync", mode, wrappers)
+    envs = gym.make_vec(env_id, num_envs, "sync", {"autoreset_mode": "SameStep"}, wrappers)
     if len(envs.single_action_space.shape) != 1 or envs.single_action_space.dtype.kind != "f":
         raise ValueError(f"an action is {envs.single_action_space}")
     return envs
 
-def parse(argv):
-    """The checked arguments: what to train on (task, fits, make_envs), how long, and where to."""
+def main(argv=None):
     parser = robot_model.StageParser(__doc__, Path(__file__).name)
     parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
     parser.add_argument("--noise", action=argparse.BooleanOptionalAction, default=True)
@@ -480,38 +448,32 @@ def parse(argv):
     args = parser.parse(argv)
     if args.env and (args.sim == "mujoco" or args.imu or not args.noise):
         parser.error("--env cannot be combined with --mujoco, --imu or --no-noise")
-    args.steps = args.steps or (QUICK_STEPS if args.quick else STEPS)
-    args.task = args.env or args.sim
+    steps, task = args.steps or (QUICK_STEPS if args.quick else STEPS), args.env or args.sim
     if args.env:
-        args.fits = {"simulator": args.env}
-        args.make_envs = lambda n: foreign_envs(args.env, n)
+        cfg, fits = PENDULUM if task == "Pendulum-v1" else FOREIGN, {"simulator": task}
+        make_envs = partial(foreign_envs, task)
         try:
-            args.make_envs(1).close()
+            make_envs(1).close()
         except Exception as error:  # a foreign environment may raise anything
-            reason = f"{args.env} needs its packages and a row of bounded actions: {error}"
+            reason = f"{task} needs its packages and a row of bounded actions: {error}"
             parser.error(" ".join(reason.split()))
     else:
-        args.fits = env.fingerprint(args.sim, args.imu)
-        args.make_envs = lambda n: env.FootstepVectorEnv(n, args.sim, args.noise, args.imu)
-    args.usual = Path("runs", re.sub("[/:]", "-", args.task), *["imu"] * args.imu)  # see stage 5
-    args.out = parser.folder(args, args.usual / "quick" if args.quick else args.usual)
-    return parser, args
-
-def main(argv=None):
-    parser, args = parse(argv)
-    out, cfg = args.out, {None: PPOConfig(), "Pendulum-v1": PENDULUM}.get(args.env, FOREIGN)
-    print(f"training on {args.task}: {args.steps:,} steps, seed {args.seed}, into {out}")
+        cfg, fits = PPOConfig(), env.fingerprint(args.sim, args.imu)
+        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu)
+    usual = Path("runs", task.replace("/", "-").replace(":", "-"), *["imu"] * args.imu)
+    out = parser.folder(args, usual / "quick" if args.quick else usual)
+    print(f"training on {task}: {steps:,} steps, seed {args.seed}, into {out}")
     try:
-        _, rows = train(cfg, args.make_envs, out, args.steps, args.seed, resume=args.resume,
-                        about={"fits": args.fits, "imu": args.imu, "noise": args.noise})
+        _, rows = train(cfg, make_envs, out, steps, args.seed, resume=args.resume,
+                        about={"fits": fits, "imu": args.imu, "noise": args.noise})
     except (PolicyError, FloatingPointError, OSError) as error:
         parser.error(str(error))
     except KeyboardInterrupt:
         parser.exit(130, "\ninterrupted; --resume goes on from the last checkpoint, if any\n")
-    plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.task}, seed {args.seed}")
+    plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
-    if not args.env:
-        file = " --imu" * args.imu if out == args.usual else f" --policy {out / 'policy.pt'}"
+    if not args.env:  # stage 5 finds a policy in its usual folder
+        file = " --imu" * args.imu if out == usual else f" --policy {out / 'policy.pt'}"
         print("next: python 05_evaluate.py --noise" + " --mujoco" * (args.sim == "mujoco") + file)
 
 if __name__ == "__main__":

@@ -46,7 +46,6 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import torch
 from matplotlib.animation import PillowWriter
 from tqdm import tqdm
 
@@ -55,7 +54,8 @@ walk_engine = import_module("02_walk_engine")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
 
-OUTCOMES, WORDS = ("success", "timeout", "fall"), {False: "no", True: "yes"}
+OUTCOMES = {"success": "reached", "timeout": "not reached", "fall": "fell"}  # and in words
+WORDS = {False: "no", True: "yes"}
 PAPER = {  # Table II by (planner, noise): success, timeout, fall, success time [s] and its std
     ("policy", False): (0.980, 0.000, 0.020, 6.07, 2.13),
     ("baseline", False): (0.960, 0.032, 0.008, 11.13, 4.95),
@@ -97,17 +97,13 @@ def velocity_command(goal, settings):
     return np.stack([v * cos, v * sin, omega], -1)  # [n, 3]
 
 def low_pass(velocity, command, seconds, time_constant):
-    """The filter τ·dv/dt = v_cmd − v after holding a command for some seconds, solved exactly.
-
-    With τ = 0 the command itself.
-    """
+    """The filter τ·dv/dt = v_cmd − v, solved exactly, after some seconds; τ = 0: no filter."""
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
 def velocity_to_footsteps(velocity, period):
-    """v_x, v_y [m/s], ω [rad/s] of n robots [n, 3] as footsteps [n, 2, 3], outward positive.
-
-    A footstep is seen from the other foot (stage 2), so two of them in a row add up.
+    """v_x, v_y [m/s], ω [rad/s] of n robots [n, 3] as footsteps [n, 2, 3], outward positive. Each
+    is seen from the other foot (stage 2), so two of them in a row add up.
     """
     v_x, v_y, omega = velocity.T
     half = period / 2  # [s] a single step
@@ -135,7 +131,7 @@ class BaselinePlanner:
         self.velocity[robots] = velocity
         return env.to_action(velocity_to_footsteps(velocity, view.period), view.limits)
 
-# ------------------------------------------------------------------------ search
+# ------------------------------------------------------------------------ search, and the policy
 CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of poses
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
@@ -143,9 +139,8 @@ FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 def look_up(value, poses):
     """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells.
 
-    V [TURNS, 2·HALF + 1, 2·HALF + 1], over yaw, x and y: how many double steps are left from there.
-    It is worked out once for all poses, from the goal outwards: `steps_to_go` of
-    tests/studies/search.py.
+    V [TURNS, 2·HALF + 1, 2·HALF + 1], over yaw, x and y: how many double steps are left from there;
+    worked out from the goal outwards, once for all poses (tests/studies/search.py).
     """
     edge = CELL * HALF - 1e-6
     x, y = (np.clip(poses[..., k], -edge, edge) / CELL + HALF for k in (0, 1))
@@ -178,7 +173,6 @@ class SearchPlanner:
         left = left + 100 * np.maximum(0, change - self.change)
         return self.actions[left.argmin(1)]
 
-# ------------------------------------------------------------------------ the policy
 class PolicyPlanner:
     """The trained policy without exploring: `ActorCritic.decide` of stage 4."""
     def __init__(self, model, imu=False):
@@ -211,8 +205,7 @@ class OwnPlanner:
                 answer.set_exception(error)
 
         threading.Thread(target=think, daemon=True).start()
-        futures.wait([answer], PATIENCE)
-        if not answer.done():
+        if not futures.wait([answer], PATIENCE).done:
             raise InputError(f"{self.path}: no answer in {PATIENCE} s")
         if error := answer.exception():
             frames = traceback.extract_tb(error.__traceback__)
@@ -225,9 +218,8 @@ class OwnPlanner:
         self._ask(lambda: self.planner.reset(num_robots))
 
     def act(self, view, robots, measured):
-        count = len(robots)
         actions = self._ask(lambda: env.checked(
-            "actions", self.planner.act(view, robots, measured), count, 6))
+            "actions", self.planner.act(view, robots, measured), len(robots), 6))
         if actions.min() < 0 or actions.max() > 1:
             raise InputError(f"{self.path}: actions must lie between 0 and 1")
         return actions
@@ -247,7 +239,7 @@ def draw_trials(seed, count, far=False, friction=np.nan, purpose="evaluation"):
     goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
     return Trials(goals, np.full(count, seed), np.arange(count), np.full(count, friction), purpose)
 
-def evaluate(planner, world, trials, noise=False, watch=None):
+def evaluate(planner, world, trials, noise=False, watch=lambda robots, result: None):
     """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
 
     Returns arrays [n]: friction μ, outcome, time [s], steps, still_there (a success, and inside
@@ -271,22 +263,21 @@ def evaluate(planner, world, trials, noise=False, watch=None):
         time[walking] = result["time"]
         first = walking[result["inside"] & (once[walking] == 0)]
         once[first] = world.steps[first] * world.engine.period
-        if watch:
-            watch(walking, result)
+        watch(walking, result)
         walking = walking[outcome[walking] == "running"]
     steps, inside = world.steps[everybody], np.zeros(len(rngs), bool)
     standing = everybody[outcome == "success"]  # two more double steps, in place
-    for _ in range(2 if len(standing) else 0):
-        result = world.step(np.tile(world.neutral_action, (len(standing), 1)), standing)
-        inside[standing] = result["inside"]  # what counts is the second time
-        standing = standing[~result["fall"]]  # who falls the first time stays outside
+    for _ in range(2):
+        if len(standing):
+            result = world.step(np.tile(world.neutral_action, (len(standing), 1)), standing)
+            inside[standing] = result["inside"]  # what counts is the second time
+            standing = standing[~result["fall"]]  # who falls the first time stays outside
     return {"friction": world.friction[everybody], "outcome": outcome, "time": time,
             "steps": steps, "still_there": inside, "reached_once": once > 0, "time_once": once}
 
 def record(planner, world, trials):
-    """Walk without noise and keep what physics did: a dict per trial.
-
-    torso [T, 6] and joints [T, 12] at every tick, feet [K, 2, 3] (x, y, yaw) after K double steps.
+    """Walk without noise and keep what physics did, a dict per trial: torso [T, 6] and joints
+    [T, 12] at every tick, feet [K, 2, 3] (x, y, yaw) after K double steps.
     """
     seen, walks = [], []
     ended = evaluate(planner, world, trials,
@@ -296,7 +287,8 @@ def record(planner, world, trials):
         joints = np.concatenate([motion.joints[robots == i] for robots, motion in seen])
         points, turn = robot_model.body_points(world.engine.robot, torso[:, -1], joints[:, -1])
         yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
-        walks.append({"goal": goal, "outcome": ended["outcome"][i], "time": ended["time"][i],
+        ending = f"{OUTCOMES[ended['outcome'][i]]} after {ended['time'][i]:.1f} s"
+        walks.append({"goal": goal, "ending": ending,
                       "feet": np.concatenate([points[:, :, 2, :2], yaw[..., None]], -1),
                       "torso": np.concatenate(torso), "joints": np.concatenate(joints)})
     return walks
@@ -311,9 +303,8 @@ def wilson(count, total, z=1.96):
     return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
 def time_ratio(trials, reference, resamples=2000):
-    """Mean time / mean time of another planner over the goals that both reached.
-
-    Returns the ratio, its 95 % interval (None without such a goal) and their number.
+    """Mean time / mean time of another planner over the goals that both reached, the 95 % interval
+    of this ratio, and the number of these goals; None, None, 0 without such a goal.
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     ours, theirs = trials["time"][both], reference["time"][both]  # [s], one per goal
@@ -355,8 +346,7 @@ def summary(planner, noise, std, trials, task):
         row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
     row |= {name: rounded(np.mean, share) for name, share in shares.items()}
     for name in OUTCOMES:
-        edges = wilson(int(shares[name].sum()), len(reached))
-        row[f"{name}_ci95"] = [round(edge, 4) for edge in edges]
+        row[f"{name}_ci95"] = np.round(wilson(int(shares[name].sum()), len(reached)), 4).tolist()
     for name, who in (("time", reached), ("time_once", once)):
         row[f"{name}_mean"] = rounded(np.mean, trials[name][who], 3)  # [s]
         row[f"{name}_std"] = rounded(np.std, trials[name][who], 3)
@@ -403,10 +393,8 @@ def table(rows, ratios, paper=PAPER):
 
 # ------------------------------------------------------------------------ files
 def read_trials(path, seed, friction):
-    """The Trials of a CSV file with columns x, y [m], yaw [rad].
-
-    Columns seed, trial and mu (μ), as in trials.csv, make them those very trials, each once;
-    without them, line by line, they are trials of this seed and friction.
+    """The Trials of a CSV file with columns x, y [m], yaw [rad]: line by line of this seed and
+    friction; but with columns seed, trial and mu (μ), as in trials.csv, those very ones, each once.
     """
     trials, line = {}, 1
     try:
@@ -420,9 +408,8 @@ def read_trials(path, seed, friction):
                 key = int(row.get("seed", seed)), int(row.get("trial", len(trials)))
                 given = "mu" in row and np.isnan(friction)
                 mu = float(row["mu"]) if given else friction
-                sound = None not in row and all(abs(v) < 1e9 for v in goal)  # None: too many cells
-                sound = sound and 0 <= min(key) and max(key) < 2**63
-                if not sound or given and not 0 <= mu <= 100:
+                sound = all(abs(v) < 1e9 for v in goal) and 0 <= min(key) <= max(key) < 2**63
+                if None in row or not sound or given and not 0 <= mu <= 100:  # None: too many cells
                     raise ValueError("too many, too large, below 0, or mu above 100")
                 trials[goal, key, str(mu)] = goal, key, mu
         if not trials:
@@ -458,15 +445,14 @@ def load(path, sim):
             facts = {"imu": imu, **{key: stored.get(key) for key in ("steps", "minutes", "seed")}}
             name, planner = "policy" + "_imu" * imu, PolicyPlanner(model, imu)
             env.checked("actions", model.decide(np.zeros((1, stored["obs_dim"]))), 1, 6)
-        fits = stored.get("fits", {}), env.fingerprint(sim, imu)
-        mismatch = ppo.difference(*(json.loads(json.dumps(plain)) for plain in fits))
         json.dumps(facts, allow_nan=False)  # it will be written
+        fits = stored.get("fits", {}), env.fingerprint(sim, imu)
+        if mismatch := ppo.difference(*(json.loads(json.dumps(plain)) for plain in fits)):
+            raise StaleError(f"{path}: made for another robot, see tests/studies/: {mismatch}")
     except InputError:
         raise
     except Exception as error:  # numpy and zipfile raise many types
         raise InputError(f"{path}: not written by 04_ppo.py or tests/studies/") from error
-    if mismatch:
-        raise StaleError(f"{path}: made for another robot, see tests/studies/: {mismatch}")
     return name, planner, {"file": path.as_posix(), **facts}
 
 def write_text(path, text):
@@ -477,14 +463,13 @@ def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
     lines = ["planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
              "reached_once,time_once"]
-    for (planner, noise, std), trials in results.items():
+    for (planner, noise, std), ended in results.items():
         asked = blocks[std]
-        for i, goal in enumerate(asked.goals.tolist()):
-            at = {name: column[i] for name, column in trials.items()}
-            cells = (planner, WORDS[noise], std or "", asked.seed[i], asked.number[i], *goal,
-                     at["friction"], at["outcome"], f"{at['time']:.2f}", at["steps"],
-                     WORDS[at["still_there"]], WORDS[at["reached_once"]], f"{at['time_once']:.2f}")
-            lines.append(",".join(map(str, cells)))
+        still, once = (np.where(ended[key], "yes", "no") for key in ("still_there", "reached_once"))
+        for cells in zip(asked.seed, asked.number, *asked.goals.T, ended["friction"],
+                         ended["outcome"], ended["time"].round(2), ended["steps"],
+                         still, once, ended["time_once"].round(2)):
+            lines.append(",".join(map(str, (planner, WORDS[noise], std or "", *cells))))
     write_text(path, "\n".join(lines) + "\n")
 
 # ------------------------------------------------------------------------ pictures
@@ -510,10 +495,6 @@ def draw_walk(axes, walk, ticks=None, color="black", alpha=1.0):
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.grid(alpha=0.3)
 
-def ending(walk):  # in words
-    words = dict(zip(OUTCOMES, ("reached", "not reached", "fell")))[walk["outcome"]]
-    return f"{words} after {walk['time']:.1f} s"
-
 def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
     figure, axes = plt.subplots(1, len(columns), figsize=(9.6, 5.2), sharex=True, sharey=True,
@@ -524,12 +505,11 @@ def plot_footsteps(columns, path):
             draw_walk(panel, walk)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x + math.copysign(0.3, x), y, f"goal {number}", ha="center", va="center")
-            lines.append(f"goal {number} {ending(walk)}")
+            lines.append(f"goal {number} {walk['ending']}")
         panel.set_title("\n".join(lines), fontsize=10)
         panel.margins(0.3)
         panel.label_outer()
-    handles, labels = axes[0].get_legend_handles_labels()
-    known = dict(zip(labels, handles))  # each once
+    known = dict(zip(*axes[0].get_legend_handles_labels()[::-1]))  # handles by label, each once
     figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=5, frameon=False)
     ppo.atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
     plt.close(figure)
@@ -542,6 +522,7 @@ def plot_race(walks, path, robot, every=10):
     way = robot_model.turned(np.diff(torso[:, :2], axis=0, prepend=0), -torso[:, 5])[:, 0].cumsum()
     beside = np.column_stack([way, 0 * way, torso[:, 2:5], 0 * way])
     figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
+    looks = ("black", 1.0, 0.95), ("tab:purple", 0.4, 0.89)  # color, alpha, where its clock stands
     temporary = path.with_name(path.stem + ".tmp.gif")  # Pillow wants the ending .gif
     writer = PillowWriter(fps=2 / (every * robot.control_dt))
     with writer.saving(figure, temporary, dpi=75):
@@ -553,13 +534,11 @@ def plot_race(walks, path, robot, every=10):
             side.axhline(0, color="black", lw=1)
             side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
                      xlabel="along its heading [m]", ylabel="z [m]", title=f"{name}, from the side")
-            for k, (key, walk) in enumerate(walks.items()):
-                color = ("black", "tab:purple")[k]
-                draw_walk(top, walk, min(tick + 1, len(walk["torso"])), color, (1.0, 0.4)[k])
-                clock = f"{(tick + 1) * robot.control_dt:.1f} s"
-                clock = clock if tick + 1 < len(walk["torso"]) else ending(walk)
-                top.text(0.02, 0.95 - 0.06 * k, f"{key}: {clock}", color=color,
-                         transform=top.transAxes)
+            for (key, walk), (color, alpha, y) in zip(walks.items(), looks):
+                draw_walk(top, walk, tick + 1, color, alpha)
+                walks_on = tick + 1 < len(walk["torso"])
+                clock = f"{(tick + 1) * robot.control_dt:.1f} s" if walks_on else walk['ending']
+                top.text(0.02, y, f"{key}: {clock}", color=color, transform=top.transAxes)
             top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0), title="from above, goal: green")
             writer.grab_frame()
     os.replace(temporary, path)
@@ -659,7 +638,6 @@ def run(world, blocks, planners, about, args, out):
     """Every planner in every block of Trials, with --noise once more; then the files."""
     print(*(f"{name}: {facts}" for name, facts in about.items()), sep="\n")
     results, first = {}, next(iter(planners))
-    policy = next(name for name in planners if name.startswith("policy"))
     jobs = [*itertools.product(blocks, (False, True)[: 1 + args.noise], planners)]
     for std, noise, name in (bar := tqdm(jobs, unit=" rows", dynamic_ncols=True)):
         bar.set_description(f"{name}, {'with' if noise else 'without'} noise")
@@ -668,8 +646,8 @@ def run(world, blocks, planners, about, args, out):
     ratios = compare(results)
     text = table(rows, ratios)
     print("\n" + text)  # first of all: writing may fail
-    content = {"sim": args.sim, "policy": about[policy], "planners": about, "seed": args.seed,
-               "goals": args.goals or "drawn", "rows": rows, "ratios": ratios,
+    content = {"sim": args.sim, "policy": next(iter(about.values())), "planners": about,
+               "seed": args.seed, "goals": args.goals or "drawn", "rows": rows, "ratios": ratios,
                "friction": "drawn" if np.isnan(args.friction) else args.friction}
     content = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)  # no NaN in JSON
     write_text(out / "evaluation.json", content + "\n")
@@ -707,7 +685,6 @@ def main(argv=None):
     args, task = parser.parse(argv), env.Task()
     if args.far and args.goals:
         parser.error("--far draws goals, --goals brings its own: leave out one of them")
-    torch.set_num_threads(1)  # a policy this small is slower on several threads
     try:
         blocks = {}  # by the spread of the goals
         for std, far in ((task.goal_std_m, False), (task.far_std_m, True))[: 1 + args.far]:
@@ -717,16 +694,13 @@ def main(argv=None):
         planners, about = choose_planners(args.sim, args.policy, args.imu, args.planner)
         out = parser.folder(args)
         count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
-        world = env.FootstepWorld(1 if args.play else count, args.sim)
-        with contextlib.closing(world):
+        with contextlib.closing(env.FootstepWorld(1 if args.play else count, args.sim)) as world:
             if args.play:
                 play(world, next(iter(planners.values())))
             else:
                 run(world, blocks, planners, about, args, out)
     except (InputError, OSError) as error:
         parser.error(str(error))
-    except KeyboardInterrupt:
-        parser.exit(130, "\ninterrupted\n")
 
 if __name__ == "__main__":
     robot_model.run(main)

@@ -702,6 +702,21 @@ def test_success_is_to_be_inside_twice_in_a_row(endings, world):
     np.testing.assert_allclose(found["time_once"], first * world.engine.period)
     assert found["reached_once"].sum() > (found["outcome"] == "success").sum()
 
+def test_nobody_may_be_left_for_the_last_double_step(world, monkeypatch):
+    """All who arrived fall in the first of the two double steps after it."""
+    done = []
+
+    def run(trajectory, robots):
+        done.append(len(robots))
+        torso = np.zeros((len(robots), trajectory.joints.shape[1] - 1, 6))
+        return robot_model.Motion(torso, trajectory.joints[:, 1:], torso[:, -1, :3],
+                                  np.full(len(robots), len(done) == 3))
+
+    monkeypatch.setattr(world.sim, "run", run)
+    found = evaluate.evaluate(Wild(), world, to(np.zeros((1, 3))))
+    assert found["outcome"].tolist() == ["success"] and not found["still_there"].any()
+    assert done == [1, 1, 1], "nobody stands, so nobody steps"
+
 def test_still_there_means_inside_and_standing_after_two_more_double_steps(endings, world):
     found, asked, planner = endings
     for name, outcome, still_there in zip(ENDINGS, found["outcome"], found["still_there"]):
@@ -1136,13 +1151,18 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials, monkeypatch):
     assert sum(seconds) > walk + 1, "the end stays for a while"
     assert not list(Path().rglob("*.tmp*")), "a temporary file was left behind"
 
-def test_an_interrupted_evaluation_says_so(short_trials, monkeypatch, capsys):
-    def interrupted(*_):
+def test_an_interrupted_evaluation_ends_its_processes(short_trials, monkeypatch):
+    """And then `robot_model.run` says so in one line: tests/test_hostile.py."""
+    def interrupted(world, *_):
+        close = world.close
+        world.close = lambda: closed.append(close())
         raise KeyboardInterrupt
 
+    closed = []
     monkeypatch.setattr(evaluate, "run", interrupted)
-    assert run_main("--episodes", 1) == 130, "the exit code of Ctrl-C"
-    assert capsys.readouterr().err.strip() == "interrupted"
+    with pytest.raises(KeyboardInterrupt):
+        evaluate.main(["--episodes", "1"])
+    assert len(closed) == 1
 
 
 # ------------------------------------------------------------------------ a planner of one's own

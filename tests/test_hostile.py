@@ -23,7 +23,7 @@ import pytest
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 evaluate = import_module("05_evaluate")
-torch = evaluate.torch
+torch = evaluate.ppo.torch
 ROOT = Path(__file__).resolve().parents[1]
 SHIPPED = {"pt": "policy.pt", "json": "baseline_tuned.json", "npz": "search.npz"}
 
@@ -98,6 +98,7 @@ def test_a_file_for_the_other_simulator_is_told_so(end):
 
 @pytest.mark.parametrize("spoil", [
     lambda stored: stored.update(act_dim=5), lambda stored: stored.update(obs_dim=22),
+    lambda stored: stored.pop("fits"), lambda stored: stored.update(fits=7),
     lambda stored: stored.update(minutes=float("nan")),
     lambda stored: stored.update(minutes=torch.ones(2)),
     lambda stored: stored["state_dict"].update({"actor.4.bias": torch.full((12,), float("nan"))})])

@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -381,14 +380,12 @@ def test_collected_observations_are_followed_by_what_really_followed():
     torch.manual_seed(0)
     envs, steps = pendulum(3), 203  # one cut-off, after 200 steps
     obs, _ = envs.reset(seed=0)
-    walked = []
-    data, last, infos = ppo.collect(ppo.ActorCritic(3, 1), envs, obs, steps,
-                                    SimpleNamespace(update=walked.append))
+    data, last, infos = ppo.collect(ppo.ActorCritic(3, 1), envs, obs, steps)
     envs.close()
     shapes = {name: tuple(tensor.shape) for name, tensor in data.items()}
     assert shapes == {"obs": (steps, 3, 3), "next_obs": (steps, 3, 3), "action": (steps, 3, 1),
                       "reward": (steps, 3), "terminated": (steps, 3), "truncated": (steps, 3)}
-    assert len(infos) == steps and walked == [3] * steps, "the bar counts steps of all robots"
+    assert len(infos) == steps
     np.testing.assert_array_equal(data["obs"][0], obs)
     np.testing.assert_array_equal(data["next_obs"][-1], last, err_msg="obs to go on from")
     ends = np.flatnonzero(data["truncated"].any(1))
@@ -411,8 +408,7 @@ def test_collected_observations_survive_an_environment_that_reuses_its_array():
 
     envs = Reuses(2, zero, None)
     obs, _ = envs.reset(seed=0)
-    data, _, _ = ppo.collect(ppo.ActorCritic(1, 1), envs, obs, 4,
-                             SimpleNamespace(update=lambda count: None))
+    data, _, _ = ppo.collect(ppo.ActorCritic(1, 1), envs, obs, 4)
     assert data["obs"][:, 0, 0].tolist() == [0, 1, 2, 3], "copy what you want to keep"
     assert data["next_obs"][:, 0, 0].tolist() == [1, 2, 3, 4], "copy what you want to keep"
 
@@ -819,9 +815,7 @@ def test_foreign_files_are_refused_with_one_line(tmp_path):
     good, bad, touched = tmp_path / "policy.pt", tmp_path / "bad.pt", tmp_path / "touched"
     ppo.save_policy(good, ppo.ActorCritic(5, 2), META)
     stored = torch.load(good, weights_only=True)
-    weights, no_fits = stored["state_dict"], dict(stored)
-    del no_fits["fits"]
-    broken = {**weights, "critic.0.bias": weights["critic.0.bias"] * math.nan}
+    weights = stored["state_dict"]
     fewer = {name: tensor for name, tensor in weights.items() if name != "critic.0.bias"}
     contents = {
         "text": lambda: bad.write_text("hello"),
@@ -830,10 +824,8 @@ def test_foreign_files_are_refused_with_one_line(tmp_path):
         "a pickled class": lambda: torch.save(ppo.ActorCritic(5, 2), bad),
         "code": lambda: torch.save({"format": 1, "fits": Foreign(touched)}, bad),
         "a list": lambda: torch.save([1, 2], bad),
-        "another format": lambda: torch.save({"format": 99}, bad),
-        "no weights": lambda: torch.save({"format": 1}, bad),
-        "no fingerprint": lambda: torch.save(no_fits, bad),
-        "fingerprint is a number": lambda: torch.save({**stored, "fits": 7}, bad),
+        "something else": lambda: torch.save({"step": 99}, bad),
+        "no weights": lambda: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, bad),
         "another shape": lambda: torch.save({**stored, "obs_dim": 6}, bad),
         "shape is a text": lambda: torch.save({**stored, "act_dim": "two"}, bad),
         "other hidden layers": lambda: torch.save({**stored, "hidden": [64]}, bad),
@@ -841,7 +833,6 @@ def test_foreign_files_are_refused_with_one_line(tmp_path):
         "weights of another network": lambda: torch.save(
             {**stored, "state_dict": {**fewer, "head.bias": torch.zeros(2)}}, bad),
         "weights are a list": lambda: torch.save({**stored, "state_dict": [1.0]}, bad),
-        "nan": lambda: torch.save({**stored, "state_dict": broken}, bad),
     }
     for name, write in contents.items():
         write()

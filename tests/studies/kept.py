@@ -17,7 +17,6 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
 evaluate = import_module("05_evaluate")
-ppo.torch.set_num_threads(1)  # a policy this small is slower on several threads
 
 SEEDS = (0, 1, 2)  # of the trainings
 FIRST = 1  # evaluation seed of the first set of goals
