@@ -337,8 +337,7 @@ def summary(planner, noise, std, trials, task):
     """One row of the table; std: σ of the goals' x and y [m], None for goals of one's own."""
     reached, timeout, fall = (trials["outcome"] == name for name in OUTCOMES)
     once = trials["reached_once"]
-    shares = {"success": reached, "timeout": timeout, "fall": fall,
-              # By the paper's rule; and what happened to the others.
+    shares = {"success": reached, "timeout": timeout, "fall": fall,  # and by the paper's rule:
               "reached_once": once, "timeout_once": timeout & ~once, "fall_once": fall & ~once,
               "still_there": trials["still_there"][reached]}  # of the successes
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(reached)}
@@ -649,8 +648,7 @@ def run(world, blocks, planners, about, args, out):
     content = {"sim": args.sim, "policy": next(iter(about.values())), "planners": about,
                "seed": args.seed, "goals": args.goals or "drawn", "rows": rows, "ratios": ratios,
                "friction": "drawn" if np.isnan(args.friction) else args.friction}
-    content = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)  # no NaN in JSON
-    write_text(out / "evaluation.json", content + "\n")
+    write_text(out / "evaluation.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     write_trials(out / "trials.csv", blocks, results)
     write_text(out / "table.md", text)
     shown = replace(draw_trials(args.seed, len(FIGURE_GOALS)), goals=FIGURE_GOALS)
@@ -661,12 +659,6 @@ def run(world, blocks, planners, about, args, out):
         plot_race(race, out / "animation.gif", world.engine.robot)
     print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
 
-def friction(text):
-    """A friction coefficient of the command line."""
-    if not 0 <= float(text) < 100:  # nan is neither
-        raise ValueError(text)
-    return float(text)
-
 def main(argv=None):
     parser = robot_model.StageParser(__doc__, Path(__file__).name)
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
@@ -675,7 +667,7 @@ def main(argv=None):
     goals.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1, 10**5),
                        default=500, help="goals (default 500)")
     goals.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
-    parser.add_argument("--friction", type=friction, metavar="MU", default=math.nan,
+    parser.add_argument("--friction", type=float, metavar="MU", default=math.nan,
                         help="of the ground, for all; else drawn")
     policies.add_argument("--policy", type=Path, metavar="FILE", help="a policy.pt of 04_ppo.py")
     policies.add_argument("--imu", action="store_true", help="show the policy with IMU in figures")
@@ -685,6 +677,8 @@ def main(argv=None):
     args, task = parser.parse(argv), env.Task()
     if args.far and args.goals:
         parser.error("--far draws goals, --goals brings its own: leave out one of them")
+    if args.friction is not math.nan and not 0 <= args.friction < 100:  # math.nan: not given
+        parser.error(f"--friction from 0 to 100, not {args.friction}")
     try:
         blocks = {}  # by the spread of the goals
         for std, far in ((task.goal_std_m, False), (task.far_std_m, True))[: 1 + args.far]:

@@ -223,7 +223,9 @@ WRONG += [("05_evaluate.py", arguments, mention) for arguments, mention in (
     (["--episodes", "0"], "episodes"), (["--goals", "a_file"], "a_file, line 1"),
     (["--goals", "a_file", "--episodes", "3"], "--episodes"), (["--policy", "a_file"], "a_file"),
     (["--policy", "a_file", "--imu"], "--policy"), (["--goals", "a_file", "--far"], "--far"),
-    *((["--friction", mu], f"friction value: '{mu}'") for mu in ("-0.1", "nan", "100", "ice")))]
+    *((["--friction", mu], mention) for mu, mention in (
+        ("-0.1", "from 0 to 100, not -0.1"), ("nan", "from 0 to 100, not nan"),
+        ("100", "--friction from 0 to 100"), ("ice", "--friction: invalid float value: 'ice'"))))]
 
 @pytest.mark.parametrize("script, arguments, mention", WRONG,
                          ids=[f"{script} {' '.join(flags)}" for script, flags, _ in WRONG])
