@@ -11,7 +11,8 @@ import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "about 80 minutes on two cores", "mujoco": "about 120 minutes on two cores"}
+DURATION = {"pymunk": "about 80 minutes on two cores, trainings included",
+            "mujoco": "about 110 minutes on two cores, trainings included"}
 SETS = 10  # of 500 goals, near and far, for every policy
 HEAD = ("goals", "planner", "training seed", "walks", "falls", "share [95 % interval]", "time [s]",
         "time ÷ that of `policy`, same seed")

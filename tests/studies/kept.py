@@ -86,10 +86,12 @@ def median_seed(rows):
     return order[len(order) // 2]["seed"]
 
 def to_ship(folders, median, prefix=""):
-    """Findings.files: the median of the trainings, and all of them as evidence."""
+    """Findings.files: the median of the trainings, with its curve if it is the policy of the
+    README, and all of them as evidence.
+    """
     files = {f"{prefix}seeds/{seed}/{name}": folder / name
              for seed, folder in folders.items() for name in FILES}
-    shown = "policy.pt", "learning_curve.csv", "learning_curve.png"
+    shown = ["policy.pt"] + ["learning_curve.csv", "learning_curve.png"] * (not prefix)
     return files | {prefix + name: folders[median] / name for name in shown}
 
 

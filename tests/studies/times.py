@@ -75,9 +75,9 @@ def study(sim):
     return common.Findings(content, common.markdown(HEAD, lines), plot(fastest, times, sim))
 
 def plot(fastest, times, sim):
-    """Every dot is a goal."""
+    """Every dot is a goal; the policy with IMU would hide the other one."""
     figure, axes = common.plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained", sharey=True)
-    names = {name: None for name, _, _ in times}
+    names = {name for name, _, _ in times} - {"policy_imu"}
     for axis, noise in zip(axes, ("no", "yes")):
         for name in sorted(names, key=LAYERS.index):
             parts = [(fastest[std], times[name, noise, std]) for std in fastest
