@@ -12,7 +12,7 @@ import kept
 import numpy as np
 
 DURATION = {"pymunk": "about 2 minutes on two cores after seeds.py and imu.py, else 20",
-            "mujoco": "about 3 minutes on two cores after seeds.py and imu.py, else 35"}
+            "mujoco": "about 9 minutes on two cores after imu.py, else 25"}
 SETS = 10  # of 500 goals, near and far
 HEAD = ("planner", "walks", "falls", "walking backward",
         "mean change of step length before it [cm]", "μ of the ground, median (all walks)",
