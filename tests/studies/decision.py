@@ -11,7 +11,7 @@ import common
 import kept
 from kept import env, ppo
 
-DURATION = {"pymunk": "about 9 minutes on two cores", "mujoco": "about 14 minutes on two cores"}
+DURATION = {"pymunk": "about 9 minutes on two cores", "mujoco": "about 12 minutes on two cores"}
 SETS = 2  # of 500 goals
 RULES = {"mode (paper, ours)": 0.0, "half-way": 0.5, "mean": 1.0}
 
