@@ -29,6 +29,8 @@ SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the other
     "baseline": {"ITERATIONS": 2, "POPULATION": 3, "ELITE": 2, "SETS": 1, "FINALISTS": 2,
                  "WALKS": 2, "QUIET": 1},
     "search": {"FACTORS": (0.5,), "CHANGES": (0.2, 1.0), "WALKS": 2, "FINALISTS": 1},
+    "robustness": {"SETS": 1, "WORLDS": {
+        f"μ = {mu}": (kept.robot_model.Spread(), {"friction": mu}) for mu in (0.3, 1.2)}},
     "kicks": {"STEPS": 8, "SETS": 1, "SPEEDS": (0.0, 3.0)},
     "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
 }

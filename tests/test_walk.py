@@ -479,7 +479,7 @@ def few(monkeypatch):
     monkeypatch.setattr(walk_engine, "LEVELS", 2)
     monkeypatch.setattr(walk_engine, "FRICTION", (0.7,))
 
-@BOTH
+@pytest.mark.parametrize("sim", ["pymunk", pytest.param("mujoco", marks=pytest.mark.slow)])
 def test_one_round_of_tuning_searches_its_range_and_nothing_else(few, sim, capsys):
     found, before = walk_engine.tune(sim, 0, 1, population=2, elite=1), walk_engine.TUNED[sim]
     assert isinstance(found, walk_engine.WalkParameters)
