@@ -213,9 +213,8 @@ def judge(model, data, cfg):
     return advantages.flatten(), targets.flatten(), old_log_prob.flatten()
 
 def improve(model, optimizer, data, cfg):
-    """(3) Take gradient steps on a rollout (tensors [T, N, …]); returns numbers to watch, on all
-    samples: entropy, explained_variance of before the first step; clip_fraction, approx_kl,
-    value_loss of after the last one.
+    """(3) Gradient steps on a rollout (tensors [T, N, …]); returns numbers, on all samples:
+    before them entropy, explained_variance; after them clip_fraction, approx_kl, value_loss.
     """
     advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
@@ -314,8 +313,10 @@ def load_policy(path):
         model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"],
                             normalize=meta.get("normalize", False))
         model.load_state_dict(meta.pop("state_dict"))
+        if not all(tensor.isfinite().all() for tensor in model.state_dict().values()):
+            raise ValueError("not finite")
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
-        raise PolicyError(f"{path}: not a policy, or of another shape") from error
+        raise PolicyError(f"{path}: not a policy, of another shape, or not finite") from error
     return model, meta
 
 def save_checkpoint(out, about, rows, model, optimizer):
@@ -335,7 +336,7 @@ def load_checkpoint(path, about, model, optimizer):
     try:
         model.load_state_dict(stored["model"])
         optimizer.load_state_dict(stored["optimizer"])
-        if stored["update"] != len(stored["rows"]):
+        if stored["update"] != len(stored["rows"]) or not isinstance(stored["rows"], list):
             raise ValueError("its log is of another training")
         return stored["rows"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
@@ -370,9 +371,8 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     with contextlib.closing(envs), bar:
         for update in bar:
             if update % cfg.checkpoint_every == 0:  # a point to resume from
-                # A resumed training must do bit for bit what the uninterrupted one does. So nothing
-                # but the networks, Adam's state and the number of the update reaches across this
-                # point, in either: from here on there are new seeds and new episodes.
+                # A resumed training does bit for bit what an uninterrupted one does: only networks,
+                # Adam's state and the update's number go on, in either; seeds and episodes are new.
                 if update > first:
                     save_checkpoint(out, about, rows, model, optimizer)
                 torch.manual_seed(random_seed(seed, 1 + update))

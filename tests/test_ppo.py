@@ -816,6 +816,7 @@ def test_foreign_files_are_refused_with_one_line(tmp_path):
     ppo.save_policy(good, ppo.ActorCritic(5, 2), META)
     stored = torch.load(good, weights_only=True)
     weights = stored["state_dict"]
+    broken = {**weights, "critic.0.bias": weights["critic.0.bias"] * math.nan}
     fewer = {name: tensor for name, tensor in weights.items() if name != "critic.0.bias"}
     contents = {
         "text": lambda: bad.write_text("hello"),
@@ -832,6 +833,7 @@ def test_foreign_files_are_refused_with_one_line(tmp_path):
         "weights missing": lambda: torch.save({**stored, "state_dict": fewer}, bad),
         "weights of another network": lambda: torch.save(
             {**stored, "state_dict": {**fewer, "head.bias": torch.zeros(2)}}, bad),
+        "nan": lambda: torch.save({**stored, "state_dict": broken}, bad),
         "weights are a list": lambda: torch.save({**stored, "state_dict": [1.0]}, bad),
     }
     for name, write in contents.items():
