@@ -97,12 +97,11 @@ class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
-    hump as long as α, β > 1. (Here α and β belong to a distribution; they are not the angles of
-    stage 3.) Training rewards what the samples do, but what counts in the end is the mode. So the
-    samples move to the mode while the training goes on: with a growing sharpness k,
+    hump as α, β > 1 (not the angles of stage 3). Training rewards what the samples do, but in the
+    end one decision counts, the mean. So they gather as it goes on: with a growing sharpness k,
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, narrower, of one mode.
     """
-    sharpness = 1.0  # k; set by `train`
+    sharpness = 1.0  # k; set by `train` and `load_policy`
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0,
                  normalize=False):
@@ -144,9 +143,9 @@ class ActorCritic(nn.Module):
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
     def decide(self, obs):
-        """What to do when it counts, arrays: [N, obs] -> [N, act]: the mode, as in the paper."""
-        with torch.no_grad():  # mode = (α − 1) / (α + β − 2)
-            return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mode.numpy()
+        """What to do when it counts, arrays: [N, obs] -> [N, act]: the mean. (The paper: mode.)"""
+        with torch.no_grad():  # α / (α + β), calmer than the mode: `tests/studies/decision.py`
+            return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mean.numpy()
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):
@@ -313,6 +312,7 @@ def load_policy(path):
         model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"],
                             normalize=meta.get("normalize", False))
         model.load_state_dict(meta.pop("state_dict"))
+        model.sharpness = float(meta["config"]["sharpest"])  # as trained last
         if not all(tensor.isfinite().all() for tensor in model.state_dict().values()):
             raise ValueError("not finite")
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:

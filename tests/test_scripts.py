@@ -207,7 +207,7 @@ def policy(tmp_path_factory):
     ppo, env = import_module("04_ppo"), import_module("03_env")
     path = tmp_path_factory.mktemp("policy") / "policy.pt"
     model = ppo.ActorCritic(len(env.observation_table()), len(env.ACTION_NAMES))
-    ppo.save_policy(path, model, {"fits": env.fingerprint("pymunk")})
+    ppo.save_policy(path, model, {"fits": env.fingerprint("pymunk"), "config": {"sharpest": 4.0}})
     return path
 
 WRONG = [(script, arguments, mention) for script in SCRIPTS for arguments, mention in (

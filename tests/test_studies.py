@@ -63,7 +63,8 @@ def made(tmp_path_factory):
                 out = kind / "seeds" / str(seed)
                 out.mkdir(parents=True)
                 model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=forward)
-                ppo.save_policy(out / "policy.pt", model, {"fits": env.fingerprint(sim, imu)})
+                ppo.save_policy(out / "policy.pt", model, {
+                    "fits": env.fingerprint(sim, imu), "config": {"sharpest": 4.0}})
                 (out / "learning_curve.csv").write_text(
                     "steps,success,fall,time\n4096,nan,nan,nan\n8192,0.98,0,8\n12288,1,0,7\n")
                 (out / "settings.txt").write_text("as written above")
@@ -234,7 +235,8 @@ def test_a_shipped_training_is_not_made_again_unless_a_setting_has_changed(tiny,
         out.mkdir()
         asked.append(out)
         row = {column: 0.0 for *_, columns in ppo.PANELS for column in columns} | {"steps": 64}
-        ppo.save_policy(out / "policy.pt", ppo.ActorCritic(20, 6), {"fits": {}})
+        ppo.save_policy(out / "policy.pt", ppo.ActorCritic(20, 6), {
+            "fits": {}, "config": {"sharpest": 4.0}})
         (out / "learning_curve.csv").write_text(
             ",".join(row) + "\n" + 2 * (",".join(map(str, row.values())) + "\n"))
         (out / "learning_curve.png").write_bytes(b"a picture")
@@ -506,16 +508,17 @@ def test_shares_between_mode_and_mean(tiny):
     world.reset([0, 1], goals=np.array([[1.0, 0.5, 1.0], [-1.0, 0.0, 2.0]]))
     view = world.view([0, 1], world.goal)
     world.close()
-    mode = planner.act(view, [0, 1], world.goal)
+    mean = planner.act(view, [0, 1], world.goal)
     actions = {share: decision.SharePlanner(planner, share).act(view, [0, 1], world.goal)
                for share in (0.0, 0.5, 1.0)}
-    np.testing.assert_allclose(actions[0.0], mode, atol=1e-6, err_msg="sharpness moves no mode")
-    np.testing.assert_allclose(actions[0.5], (mode + actions[1.0]) / 2, atol=1e-6)
+    np.testing.assert_allclose(actions[1.0], mean, atol=1e-6, err_msg="the whole share: ours")
+    np.testing.assert_allclose(actions[0.5], (actions[0.0] + mean) / 2, atol=1e-6)
     with torch.no_grad():
         raw = torch.nn.functional.softplus(planner.model.actor(
-            torch.as_tensor(view.observation[:, : len(env.observation_table())])))
-    alpha, beta = (1 + ppo.PPOConfig().sharpest * raw.numpy()).reshape(2, 2, 6).swapaxes(0, 1)
-    np.testing.assert_allclose(actions[1.0], alpha / (alpha + beta), atol=1e-6, err_msg=(
+            torch.as_tensor(view.observation[:, : len(env.observation_table())]))).numpy()
+    a, b = raw.reshape(2, 2, 6).swapaxes(0, 1)  # α − 1 and β − 1 without sharpness
+    np.testing.assert_allclose(actions[0.0], a / (a + b), atol=1e-6, err_msg="the mode")
+    np.testing.assert_allclose(mean, (1 + 4 * a) / (2 + 4 * (a + b)), atol=1e-6, err_msg=(
         "the mean of the sharpened Beta, as trained last"))
 
 def test_every_other_world_is_another_one():

@@ -3,7 +3,7 @@
     python tests/studies/tasks.py [--mujoco] [--ship]
 
 Every training is `python 04_ppo.py --env ID --steps N --seed S`: one group of settings for all, but
-γ = 0.95 for the pendulum. Judged by 100 new episodes each, decisions by the mode, observations
+γ = 0.95 for the pendulum. Judged by 100 new episodes each, decisions by the mean, observations
 scaled as in the policy's file. The published numbers are of other versions of the tasks, other
 settings and at most 1,000,000 steps: they say what is usual, not what is possible. (--mujoco only
 ships it to the other folder.)
