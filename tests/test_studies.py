@@ -32,6 +32,7 @@ SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the other
     "robustness": {"SETS": 1, "WORLDS": {
         f"μ = {mu}": (kept.robot_model.Spread(), {"friction": mu}) for mu in (0.3, 1.2)}},
     "kicks": {"STEPS": 8, "SETS": 1, "SPEEDS": (0.0, 3.0)},
+    "second_walk": {"TUNINGS": (1,), "WORLDS": (0,), "STEPS": 8, "SETS": 1},
     "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
 }
 
@@ -140,6 +141,7 @@ def test_wrong_flags_and_missing_files_get_one_line(tiny, capsys):
     for name, flags, reason in (("falls", [], "seeds/0/policy.pt: no such file"),
                                 ("times", [], "trials.csv"),
                                 ("ground", [], "add --mujoco"), ("kicks", [], "add --mujoco"),
+                                ("second_walk", [], "add --mujoco"),
                                 ("limits", ["--seed", "1"], "--seed"),
                                 ("noise", ["--episodes=3"], "--episodes")):
         with pytest.raises(SystemExit) as stop:
@@ -200,6 +202,25 @@ def test_the_price_of_the_ground_is_measured_from_end_to_end(tiny, monkeypatch):
     run("ground", "--mujoco")
     found = common.read_json(common.RUNS / "mujoco" / "ground.json")
     assert len(found["grounds"]) == 3 and len(found["curve"]) == 1
+
+def test_a_second_walk_is_tuned_mapped_and_learned_from_end_to_end(tiny, monkeypatch):
+    ours = env.walk_engine.TUNED["mujoco"]
+    make_small(monkeypatch, "second_walk")
+    for name, value in (("LEVELS", 4), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
+        monkeypatch.setattr(env.walk_engine, name, value)
+    for name, value in (("REPEATS", 1), ("CELLS", 2), ("PLANS", 2)):
+        monkeypatch.setattr(import_module("limits"), name, value)
+    monkeypatch.setattr(env.walk_engine, "tune", partial(
+        env.walk_engine.tune, iterations=1, population=2, elite=1))
+    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
+    common.write(common.RESULTS / "mujoco/studies/seeds.json", common.as_json({"rows": [
+        {"planner": "policy", "noise": True, "goal_std_m": std, "success": 1.0, "fall": 0.0,
+         "still_there": 1.0, "time_mean": 5.0} for std in (0.5, 1)]}))
+    run("second_walk", "--mujoco")
+    found = common.read_json(common.RUNS / "mujoco" / "second_walk.json")
+    assert found["walks"]["ours"] == vars(ours) == vars(env.walk_engine.TUNED["mujoco"]), (
+        "what we walk with must be as before")
+    assert found["walks"]["the second"] != vars(ours) and len(found["policy"]) == 2
 
 @SIMS
 def test_the_shipped_comparison_of_times_comes_from_the_shipped_trials(sim):
