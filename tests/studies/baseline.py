@@ -8,8 +8,7 @@ Where it ends, the best of an earlier search, and the eight best candidates of a
 on 2,000 other trials. Kept is the fastest one with at most 0.5 % falls there that stays: with noise
 as well as the paper's baseline, and 97 % without (baseline_tuned.json). If none does, the fastest
 that is safe and stays with noise; if there is none either, the one that falls least. No trial of
-the table is ever seen. (The plane's table is still that of the earlier search: nine iterations,
-without the walks without noise.)
+the table is ever seen.
 """
 
 from dataclasses import asdict, fields
@@ -19,7 +18,7 @@ import kept
 import numpy as np
 from tqdm import tqdm
 
-DURATION = {"pymunk": "30 minutes, estimated", "mujoco": "about 40 minutes on two cores"}
+DURATION = {"pymunk": "about 15 minutes on two cores", "mujoco": "about 40 minutes on two cores"}
 ITERATIONS, POPULATION, ELITE, FINALISTS = 12, 20, 5, 10
 WALKS = 64  # near ones and as many far ones, for every candidate;
 QUIET = 32  # of each without noise

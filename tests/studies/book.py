@@ -104,8 +104,9 @@ def missing():
         its three trainings the recipe does not keep these promises: {broken}.""",
         f"""What to try next. (1) The joints: of the far walks {fall["as trained"]} end in a fall,
         {fall["no static friction in the joints"]} without static friction in the joints,
-        {fall["nothing but static friction"]} with nothing drawn but that, and {fall["2/3 of the motors' stiffness"]} with softer motors; so damp the motors, or
-        tune the walk on joints without friction. (2) Feeling: an IMU takes falls and time away. (3)
+        {fall["nothing but static friction"]} with nothing drawn but that, and
+        {fall["2/3 of the motors' stiffness"]} with softer motors; so damp the motors, or tune the
+        walk on joints without friction. (2) Feeling: an IMU takes falls and time away. (3)
         Grip: most falls happen where the ground holds best.""",
         f"""Written, but not run in today's world: {open_ones}.""")
     text = "\n\n".join(wrap.fill(" ".join(part.split())) for part in parts)
