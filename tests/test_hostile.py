@@ -100,7 +100,8 @@ def test_a_file_for_the_other_simulator_is_told_so(end):
     lambda stored: stored.update(act_dim=5), lambda stored: stored.update(obs_dim=22),
     lambda stored: stored.pop("fits"), lambda stored: stored.update(fits=7),
     lambda stored: stored.update(minutes=float("nan")),
-    lambda stored: stored.update(minutes=torch.ones(2)),
+    lambda stored: stored.update(minutes=torch.ones(2)), lambda stored: stored.pop("config"),
+    *[lambda stored, k=k: stored["config"].update(sharpest=k) for k in (float("nan"), "sharp", [])],
     lambda stored: stored["state_dict"].update({"actor.4.bias": torch.full((12,), float("nan"))})])
 def test_a_policy_that_cannot_walk_is_refused_before_anybody_walks(spoil, tmp_path):
     stored = torch.load(ROOT / "results" / "pymunk" / "policy.pt", weights_only=True)
