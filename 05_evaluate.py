@@ -496,7 +496,7 @@ def draw_walk(axes, walk, ticks=None, color="black", alpha=1.0):
 
 def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
-    figure, axes = plt.subplots(1, len(columns), figsize=(9.6, 5.2), sharex=True, sharey=True,
+    figure, axes = plt.subplots(1, len(columns), figsize=(9.6, 4.5), sharex=True, sharey=True,
                                 layout="constrained")
     for panel, (name, walks) in zip(axes, columns.items()):
         lines = [name]
