@@ -121,7 +121,7 @@ def test_every_study_says_what_it_asks_and_how_to_run_it(name, capsys):
 def test_every_study_prints_its_duration_first_and_ships_only_if_told_to(
         name, sim, tiny, monkeypatch, capsys):
     """With the study itself replaced by one that knows the answer at once."""
-    found = common.Findings({"answer": 42}, "| answer |\n", common.plt.figure(), {})
+    found = common.Findings({"answer": 42}, "| answer |\n", common.plt.figure(figsize=(1, 1)), {})
     study, flags = import_module(name), ["--mujoco"] * (sim == "mujoco")
     monkeypatch.setattr(study, "study", lambda sim: found)
     before, shipped = hashes(common.RESULTS), hashes(common.ROOT / "results")
@@ -208,8 +208,10 @@ def test_a_second_walk_is_tuned_mapped_and_learned_from_end_to_end(tiny, monkeyp
     make_small(monkeypatch, "second_walk")
     for name, value in (("LEVELS", 4), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
         monkeypatch.setattr(env.walk_engine, name, value)
-    for name, value in (("REPEATS", 1), ("CELLS", 2), ("PLANS", 2)):
-        monkeypatch.setattr(import_module("limits"), name, value)
+    limits = import_module("limits")
+    monkeypatch.setattr(limits, "PLANS", 2)
+    monkeypatch.setattr(limits, "study", lambda sim: common.Findings(
+        vars(env.walk_engine.TUNED[sim]), "maps\n", common.plt.figure()))
     monkeypatch.setattr(env.walk_engine, "tune", partial(
         env.walk_engine.tune, iterations=1, population=2, elite=1))
     monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
@@ -221,6 +223,7 @@ def test_a_second_walk_is_tuned_mapped_and_learned_from_end_to_end(tiny, monkeyp
     assert found["walks"]["ours"] == vars(ours) == vars(env.walk_engine.TUNED["mujoco"]), (
         "what we walk with must be as before")
     assert found["walks"]["the second"] != vars(ours) and len(found["policy"]) == 2
+    assert found["maps"] == found["walks"]["the second"], "the maps are those of the other walk"
 
 @SIMS
 def test_the_shipped_comparison_of_times_comes_from_the_shipped_trials(sim):
