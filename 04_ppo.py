@@ -97,8 +97,8 @@ class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
-    hump as α, β > 1 (not the angles of stage 3). Training rewards what the samples do, but in the
-    end one decision counts, the mean. So they gather as it goes on: with a growing sharpness k,
+    hump, as α, β > 1 (not the angles of stage 3). Training rewards what the samples do, but in the
+    end the mean decides. So the samples gather around it: while training, a sharpness k grows, and
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, narrower, of one mode.
     """
     sharpness = 1.0  # k; set by `train` and `load_policy`

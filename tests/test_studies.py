@@ -208,9 +208,7 @@ def test_a_second_walk_is_tuned_mapped_and_learned_from_end_to_end(tiny, monkeyp
     make_small(monkeypatch, "second_walk")
     for name, value in (("LEVELS", 4), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
         monkeypatch.setattr(env.walk_engine, name, value)
-    limits = import_module("limits")
-    monkeypatch.setattr(limits, "PLANS", 2)
-    monkeypatch.setattr(limits, "study", lambda sim: common.Findings(
+    monkeypatch.setattr(import_module("limits"), "study", lambda sim: common.Findings(
         vars(env.walk_engine.TUNED[sim]), "maps\n", common.plt.figure()))
     monkeypatch.setattr(env.walk_engine, "tune", partial(
         env.walk_engine.tune, iterations=1, population=2, elite=1))

@@ -9,7 +9,7 @@ measured from there on.)
 import common
 import kept
 
-DURATION = {"pymunk": "about 7 minutes on two cores", "mujoco": "about 11 minutes on two cores"}
+DURATION = {"pymunk": "about 7 minutes on two cores", "mujoco": "about 9 minutes on two cores"}
 STEPS = 61 * 4096  # double steps of the training: the most whole updates within 250,000
 SETS = 2  # of 500 goals, near and far, without and with noise
 ENOUGH = 0.98  # share of successes

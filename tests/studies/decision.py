@@ -14,7 +14,7 @@ import common
 import kept
 from kept import env, ppo
 
-DURATION = {"pymunk": "20 minutes, estimated", "mujoco": "25 minutes, estimated"}
+DURATION = {"pymunk": "20 minutes, estimated", "mujoco": "about 25 minutes on two cores"}
 SETS = 4  # of 500 goals
 RULES = {"mode (paper)": 0.0, "half-way": 0.5, "mean (ours)": 1.0}
 

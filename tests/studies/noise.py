@@ -7,7 +7,7 @@ import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "about 5 minutes on two cores", "mujoco": "about 8 minutes on two cores"}
+DURATION = {"pymunk": "about 5 minutes on two cores", "mujoco": "more than 20 minutes"}
 SIZES = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)  # times the task's noise
 NOISE_CM = 100 * kept.env.Task().noise_m
 

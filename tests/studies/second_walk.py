@@ -18,7 +18,7 @@ import limits
 from kept import env, ppo, robot_model
 
 walk_engine = env.walk_engine
-DURATION = {"pymunk": "it needs --mujoco", "mujoco": "about 65 minutes on two cores"}
+DURATION = {"pymunk": "it needs --mujoco", "mujoco": "65 minutes, estimated"}
 TUNINGS = (1, 2)  # seeds
 WORLDS = range(100, 104)  # seeds of the worlds in which both walks are measured
 STEPS = ppo.STEPS  # double steps of the training
@@ -65,19 +65,18 @@ def study(sim):
     if sim != "mujoco":
         raise common.StudyError("the walk was tuned longest in 3-D: add --mujoco")
     walks = {"ours": walk_engine.TUNED["mujoco"], "the second": tuned_again()}
-    measured, stood = {}, {}
+    measured = {}
     for name, parameters in walks.items():
         with walking(parameters):
             measured[name] = walk_engine.average(
                 [walk_engine.measure(sim, parameters, seed) for seed in WORLDS])
-            stood[name] = float(limits.standing(sim, walk_engine.LIMITS[sim].load))
     with walking(walks["the second"]):
         maps, policy = limits.study(sim), learned()
     maps.figure.suptitle("What the second walk can take in drawn worlds; blue: the limits of ours")
     seeds = [row for row in common.read_json(common.RESULTS / sim / "studies" / "seeds.json")[
         "rows"] if row["planner"] == "policy" and row["noise"]]
     numbers = {"walks": {name: asdict(one) for name, one in walks.items()}, "measured": measured,
-               "stood": stood, "policy": policy, "maps": maps.numbers}
+               "policy": policy, "maps": maps.numbers}
     text = [table_of(walks), *(f"{name}: {walk_engine.in_words(one)}\n"
                                for name, one in measured.items()),
             race(policy, seeds), "Maps of the second walk:\n", maps.table]
