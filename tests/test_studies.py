@@ -31,7 +31,7 @@ SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the other
     "search": {"FACTORS": (0.5,), "CHANGES": (0.2, 1.0), "WALKS": 2, "FINALISTS": 1},
     "robustness": {"SETS": 1, "WORLDS": {
         f"μ = {mu}": (kept.robot_model.Spread(), {"friction": mu}) for mu in (0.3, 1.2)}},
-    "kicks": {"STEPS": 8, "SETS": 1, "SPEEDS": (0.0, 3.0)},
+    "kicks": {"STEPS": 8, "SEEDS": (0,), "SPEEDS": (0.0, 3.0)},
     "second_walk": {"TUNINGS": (1,), "WORLDS": (0,), "STEPS": 8, "SETS": 1},
     "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
 }

@@ -23,8 +23,9 @@ FLAG = {"mujoco": " --mujoco", "pymunk": ""}
 ORDER = ("baseline", "search", "seeds", "pooled", "imu", "kicks", "decision", "falls", "times",
          "robustness", "noise", "limits", "ground", "second_walk", "ablations", "budget", "tasks",
          "stable_baselines", "rllib", "benchmark", "decision_time")
+# They make no sense, or would say nothing new.
 ONE_SIDED = {("kicks", "pymunk"), ("ground", "pymunk"), ("second_walk", "pymunk"),
-             ("tasks", "mujoco")}  # they make no sense
+             ("imu", "pymunk"), ("tasks", "mujoco"), ("rllib", "mujoco")}
 SHOWN = ("policy", "policy_imu", "baseline_tuned", "search", "baseline")
 
 def doc(name):
