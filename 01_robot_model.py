@@ -5,8 +5,8 @@ Paper: section II-a, a simulated biped with position-controlled joints. The robo
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
-64 robots stand for a second, then lean forward, slowly, each to another angle (`--seed`); the
-smallest lean that fell is drawn (`runs/<sim>/01_robot.png`). Seconds. Predict it from the numbers
+64 robots stand for a second, then lean forward, slowly, each to a different angle (`--seed`); the
+smallest lean that fell is drawn (`runs/<sim>/01_robot.png`); 2 seconds. Predict it from the numbers
 below: by how much must the ankles of `stance` turn until the centre of mass passes the toes?
 
 The words. The sagittal plane divides a body into left and right: x and z lie in it. Trunk and torso
@@ -59,7 +59,7 @@ class Link:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Wolfgang-OP, simplified; if no line says otherwise as in its public model of 2024-10."""
+    """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
     # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
     torso: Link = Link(3.490, (0.0, 0.0, 0.120), (0.045, 0.035, 0.025))  # with arms and head
     hip: Link = Link(0.389, (0.0, 0.0, 0.0), (0.0004, 0.0004, 0.0004))  # yaw and roll motors
@@ -110,13 +110,13 @@ class RobotModel:
 class Spread:
     """How far ground and robot may be from the model in an episode; the robot is not told.
 
-    All zeros is the model itself. Every value is drawn uniformly, each alone; sizes: our choice.
+    All zeros is the model itself. Every value is drawn uniformly, independently; sizes: our choice.
     """
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
-    stiction: float = 1.5  # [N m] 0 to this: static friction of every joint; public model: 2.55
-    delay: int = 1  # [ticks] 0 or this, as likely; at most 1: from joint target to motor
+    stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
+    delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
 
     def draw(self, rngs, robot):
         """One Body per generator, n in all."""
@@ -132,7 +132,7 @@ class Body:
     friction: np.ndarray  # [n] μ of the ground
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors
-    stiction: np.ndarray  # [n, 12] [N m]
+    stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1
 
 @dataclass
@@ -207,9 +207,9 @@ def leg_inverse(robot, position, foot_turn):
     angles are clipped to the joint limits.
 
          o hip       Two sides of a triangle are the thigh and the shin, the third is r, from the
-          \\          ankle to the hip. Its length gives the knee. The leg is flat, so only the
-           o knee    ankle's roll can bring r into the leg's plane; there the ankle's pitch makes
-          /          it a side of the triangle. What is left of the foot's rotation is the hip's.
+          \\          ankle to the hip. Its length gives the knee. The leg lies in a plane;
+           o knee    only the ankle's roll can bring r into it; there the ankle's pitch makes r a
+          /          side of the triangle. What is left of the foot's rotation is the hip's.
          o__ ankle
     """
     thigh, shin = robot.thigh_length, robot.shin_length
@@ -307,7 +307,7 @@ def mujoco_model(robot):
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
     Geoms touch nothing (contype 0) except in three pairs; condim 3: a normal force and two along
     the ground, within Coulomb's cone, alike in all directions (MuJoCo's own choice is a pyramid: μ
-    along the ground's x and y, μ/√2 between them; it costs 1.6 times less and lets feet skate).
+    along the ground's x and y, μ/√2 between them; it is 1.6 times faster and lets feet skate).
     The flags save a third of the time: at landing feet Newton's method needs fewer iterations when
     it does not start from the last forces, and one robot has no islands to solve apart.
     """
@@ -364,7 +364,7 @@ class MujocoSim:
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
 
     def reset(self, robots, body=None):
-        """Put these robots (indices [n]) back to standing at the origin; body: what they drew."""
+        """Robots [n] stand at the origin again; body: what they drew, None: as before."""
         self.state[robots], self.control[robots] = self.start, self.start[self.ANGLES]
         if body is not None:
             self.delay[robots] = body.delay
@@ -436,7 +436,7 @@ class PymunkSim:
     def __init__(self, num_robots, standing, robot=RobotModel()):
         self.robot, self.links = robot, planar_links(robot)
         self.standing, self.standing_height = standing, standing[0][2]
-        middles = (np.arange(50) + 0.5) / 50 - 0.5  # of strips of the sole
+        middles = (np.arange(50) + 0.5) / 50 - 0.5  # r: mean distance from the sole's centre
         x, y = (robot.foot_front + robot.foot_back) * middles, robot.foot_width * middles
         self.sole_radius = np.hypot(x[:, None], y).mean()  # r [m]
         self.spaces, self.motors = [None] * num_robots, [None] * num_robots
@@ -454,7 +454,7 @@ class PymunkSim:
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
-        """Put these robots (indices [n]) back to standing at the origin; body: what they drew."""
+        """Robots [n] stand at the origin again; body: what they drew, None: as before."""
         if body is not None:
             self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
             self.friction[robots], self.delay[robots] = body.friction, body.delay
@@ -497,7 +497,7 @@ class PymunkSim:
                 space.add(shape)
             if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
-                # A motor is a speed with a largest torque; static friction is taken from that.
+                # A speed with a largest torque, less dry friction (which in MuJoCo helps to hold).
                 motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
                 motors[-1].max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
                 limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
@@ -528,7 +528,7 @@ class PymunkSim:
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self._run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
-        # The torso frame is below the centre of its body.
+        # The torso frame is below the centre of its body: (x, z) −= down·(−sin angle, cos angle)
         x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
         down = self.links[0].com[2]  # [m]
         x, z = x + down * np.sin(angle), z - down * np.cos(angle)
@@ -540,7 +540,7 @@ class PymunkSim:
         joints = trajectory.joints[:, 1:].copy()
         joints[..., SAGITTAL] = self._angles(seen[:, 1:])
         fell = fallen(torso, self.standing_height).any(1) | self.lost[robots]
-        # Pitch rate about y and yaw rate about the vertical, seen from a torso with this pitch.
+        # Seen from a torso with pitch θ and yaw ψ: spin = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
         pitch, yaw_rate = torso[:, -1, 4], self.yaw_rate[robots]
         spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(spin, -1), fell)
@@ -602,7 +602,7 @@ class PymunkSim:
 # ------------------------------------------------------------------------ several processes
 def serve(pipe, *settings):
     """A process of its own: runs the methods of its PymunkSim until the pipe closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # after Ctrl-C, too, the pipe's end is the end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C does not end it: a closed pipe does
     sim = PymunkSim(*settings)
     with contextlib.suppress(EOFError, ConnectionError):
         while True:
@@ -614,7 +614,7 @@ class Workers:
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pipes, self.processes = [], []
-        # A process imports what was started: let it be this file, not a later stage and PyTorch.
+        # A process imports `__main__`: let it be this file, not a later stage and PyTorch.
         started, sys.modules["__main__"] = sys.modules["__main__"], sys.modules[serve.__module__]
         for w in range(cores):
             pipe, end = context.Pipe()
@@ -626,7 +626,7 @@ class Workers:
         sys.modules["__main__"] = started
 
     def _ask(self, method, robots, part):
-        """Has every process do this for its own of the robots [n]; their rows, and all answers."""
+        """Sends each process its share of the robots [n]; their rows in it, and all answers."""
         robots, count = np.asarray(robots, int), len(self.pipes)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         try:
@@ -653,7 +653,7 @@ class Workers:
             process.terminate()  # unless a process forked since then holds the pipe open
 
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
-    """N robots in "pymunk" or "mujoco", standing as `stance` says; they start and reset so."""
+    """N robots in "pymunk" or "mujoco", standing as `stance` says, also after every reset."""
     cores = min(cores or CORES, num_robots)
     if sim == "mujoco":
         return MujocoSim(num_robots, standing, robot, cores)

@@ -3,7 +3,7 @@
 Paper: the walk engine of [5]: quintic splines for the swing foot and the trunk, analytic inverse
 kinematics, open loop within a double step; parameters found by optimisation.
 
-    python 02_walk_engine.py             one plan, what it is worth, and four walks; 9 seconds
+    python 02_walk_engine.py             one plan, how well it walks, and four walks; 9 seconds
     python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 12 minutes
 
 (both with `--mujoco` in 3-D). The first prints how fast and how well it walks on drawn ground with
@@ -34,8 +34,8 @@ LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
 
 @dataclass(frozen=True)
 class WalkParameters:
-    """Named after those of [5]. The values here are a first guess; the used ones: TUNED."""
-    frequency: float = 1.6  # [Hz] double steps per second, rounded to whole control ticks
+    """Named after those of [5]. The values here are a first guess; those in use: TUNED."""
+    frequency: float = 1.6  # [Hz] double steps per second; 1 / (2·frequency) in whole ticks
     double_support: float = 0.1  # [-] share of a single step with both feet on the ground
     foot_distance: float = 0.18  # [m] between the ankles when standing
     foot_rise: float = 0.05  # [m] apex of the swing foot
@@ -55,7 +55,7 @@ class StepLimits:
     high: tuple
     load: float = 1.5  # [-] largest sum of the shares of x, y and yaw; 3 would allow everything
 
-TUNED = {  # `--tune`, and `--tune --mujoco` twice in an earlier version, gave these; 2026-11-21
+TUNED = {  # by `--tune`; in 3-D twice, and with an earlier version of it; 2026-11-21
     "pymunk": WalkParameters(
         frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
         trunk_phase=0.0353, trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024,
@@ -76,8 +76,8 @@ MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the 
 def within(footsteps, limits):
     """Footsteps [..., 2, 3] made smaller where x, y and yaw together ask for too much.
 
-    Each uses a share of its limit, 0 to 1; together at most `load`. So a step may go forward as far
-    as it can and turn half as much as it can, but not go, turn and sidestep, all as far as it can.
+    Each uses a share of its limit, 0 to 1; together at most `load`. So a footstep may use all of
+    one limit and half of another, but not all of all three.
     """
     # s = |x| / x_max + |y| / y_max + |yaw| / yaw_max;   footstep ← footstep · min(1, load / s)
     largest = np.where(footsteps >= 0, limits.high, np.negative(limits.low))
@@ -168,8 +168,8 @@ class WalkEngine:
         """What the trunk's spline goes through half way in a single step, [n, 4, 3].
 
         Three feet [n, 3]: the support foot, and the swing foot before and after. The trunk is
-        between where it should be before and after, moves with the mean velocity, without
-        acceleration, and is shifted towards the support foot.
+        half way between the middles of the feet before and after, moves with the mean velocity,
+        without acceleration, and is shifted towards the support foot.
         """
         # aside = trunk_swing · y of the support foot, seen from the middle
         # lean  = trunk_pitch + pitch_per_step · forward + pitch_per_turn · |turn|,   forward, turn:
@@ -285,11 +285,11 @@ def random_plans(rng, limits, count):
     return within(rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3)), limits)
 
 def highest_speed(poses, fall, period):
-    """{direction: [m/s, rad/s]} of rows as in `speed_plans`: fastest below the first that fell.
+    """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
 
     poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s].
     """
-    # speed = |way along the direction's axis| / (double steps that go, Σ PATTERN · period)
+    # speed = |way along the axis| / (Σ PATTERN · period); 4 % low, as the walk ends amid a step
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)
@@ -312,10 +312,10 @@ def measure(sim, parameters, seed=0):
     """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
 
     speeds: per μ of FRICTION, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
-    steps of a quarter and of half the largest size, likewise; stood: share of random plans; steps:
-    share of their double steps; clearance: lowest corner of the swinging sole between 30 and 70 %
-    of its swing, median and 5th percentile [m]; slip: way of the support foot's ankle while the
-    other foot is in the air, median [m].
+    steps of a quarter and of half the largest size, likewise; stood: share of random plans that did
+    not fall; steps: share of their double steps before a fall; clearance: lowest corner of the
+    swinging sole between 30 and 70 % of its swing, median and 5th percentile [m]; slip: way of the
+    support foot's ankle while the other foot is in the air, median [m].
     """
     rng, straight = np.random.default_rng(seed), speed_plans()
     plans = np.concatenate([*[straight] * len(FRICTION), random_plans(rng, LIMITS[sim], PLANS)])
@@ -381,8 +381,8 @@ def score(sim, measured):
 def tune(sim, seed, iterations=10, population=28, elite=7):
     """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
 
-    Begins at TUNED, so a second call goes on. [5] used a tree-structured Parzen estimator for the
-    same question. Returns WalkParameters.
+    Begins at TUNED: paste the result there, and a second call goes on. [5] used a tree-structured
+    Parzen estimator for the same question. Returns WalkParameters.
     """
     names = [k for k in SEARCH if sim == "mujoco" or k not in PLANAR_FIXED]
     low, high = np.array([SEARCH[k] for k in names]).T
@@ -447,7 +447,8 @@ def main():
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
-    seen = average([measure(args.sim, TUNED[args.sim], draw) for draw in range(3)])
+    first = 1000 + 3 * args.seed  # worlds that the tuning has not seen
+    seen = average([measure(args.sim, TUNED[args.sim], first + draw) for draw in range(3)])
     for mu, speeds, ratios in zip(FRICTION, seen["speeds"], seen["tracking"]):
         print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)",
               ", ".join(f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds))

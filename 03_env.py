@@ -3,11 +3,11 @@
 Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode. The robot
 has arrived when it stays: two double steps in a row must end at the goal (the paper asks for one).
 
-    python 03_env.py      a random and a hand-written planner side by side; seconds
+    python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
-(`--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints both tables and how
-the episodes end, and writes `runs/<sim>/03_rewards.png`. Predict: of which reward terms does the
-hand-written planner earn most, and which ones does it pay?
+(`--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints what is observed, what
+an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`. Predict: of which reward
+terms does the hand-written planner earn most, and which ones cost it?
 
 The words. An episode is one walk, from standing to the goal, a fall or the end of the time. A
 planner chooses the actions; a policy is a planner that is learned: a function from the observation
@@ -39,9 +39,9 @@ wrap = robot_model.wrap
 @dataclass(frozen=True)
 class Task:
     """The task; source "paper", or "ours" where the paper is silent."""
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, 0.5 m); ours: the paper's times fit it
-    far_std_m: float = 1.0  # [m] of every second goal in training, and of `05 --far`; ours
-    goal_std_rad: float = math.pi / 2  # [rad] goals: yaw ~ N(0, π/2), wrapped; ours
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²), this is σ; ours: the paper's times fit it
+    far_std_m: float = 1.0  # [m] of half of the goals in training, and of `05 --far`; ours
+    goal_std_rad: float = math.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = math.radians(10)  # [rad] paper
     time_limit: float = 100.0  # [s] simulated; paper
@@ -73,7 +73,7 @@ GOAL_TABLE = (
 )
 # How the body moves now decides what it can do next; without a sensor, the last two actions tell.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple((f"{name}, {ago}", "share of limits, −1…1", -1.0, 1.0)
+PREVIOUS_TABLE = tuple((f"{name}, {ago}", "limits at ∓1", -1.0, 1.0)
                        for ago in ("last action", "action before") for name in ACTION_NAMES)
 IMU_TABLE = (
     ("torso roll", "0.25 rad", -4.0, 4.0),
@@ -81,7 +81,7 @@ IMU_TABLE = (
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
-PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # each with its own dice
+PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # own dice each; kicks: tests/studies
 ENDS = ("success", "fall", "timeout", "time")  # what an environment tells of an ended episode
 
 def observation_table(imu=False):
@@ -89,12 +89,12 @@ def observation_table(imu=False):
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
 def stream(name, seed, *more):
-    """A random generator of its own for every purpose, seed, and number of a trial."""
+    """A random generator of its own for every stream, seed, and number of a trial."""
     # + 1, because numpy takes (seed, 0) for the same as (seed).
     return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
 
 def checked(name, value, *shape):
-    """The value as an array of that shape; one line of ValueError if it is none, or not finite."""
+    """The value as an array of that shape; a one-line ValueError if it is not, or not finite."""
     try:
         array = np.asarray(value)
         right = array.dtype.kind in "biuf" and array.size and np.isfinite(array).all()
@@ -135,7 +135,7 @@ def to_footsteps(action, limits):
     return walk_engine.within(asked, limits)
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped; `to_footsteps` gives them back."""
+    """The action [..., 6] of footsteps [..., 2, 3], clipped: inverts an unscaled `to_footsteps`."""
     share = (footsteps - np.array(limits.low)) / np.subtract(limits.high, limits.low)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
@@ -162,7 +162,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
         "r_a": task.s_a * (np.abs(alpha0) * near0 - np.abs(alpha1) * near1),
         # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
         "r_o": task.s_o * (np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)),
-        # r_c = −Σ (action − last action)² over x and y of both feet, in shares of the limits
+        # r_c = −Σ (action − last action)² over x and y of both feet, as actions in [0, 1]
         "r_c": task.s_c * -((action - last_action)[:, [0, 1, 3, 4]] ** 2).sum(-1),
         "r_fall": -task.s_fall * fall, "r_goal": task.s_goal * success,
         "r_time": np.full(len(d0), -task.s_time)}
@@ -217,7 +217,7 @@ class FootstepWorld:
             raise ValueError(f"friction must be from 0 to 100, got {friction}")
         for i, rng in zip(robots, rngs or [self.rng[i] for i in robots]):
             self.rng[i], self.dice[i] = rng, dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
-        if goals is None:  # every second one is far
+        if goals is None:  # each one is far with probability ½
             dice = [self.dice[i]["goal"] for i in robots]
             goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
         body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
@@ -382,7 +382,7 @@ gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=Footste
 
 # ------------------------------------------------------------------------ demonstration
 def hand_written(measured, limits):
-    """A planner: walk to the goal, facing it from afar, looking where it looks from nearby.
+    """A planner: walk to the goal, facing it while far, turning as it is turned when near.
 
     It knows nothing about dynamics and takes at most half of what the limits allow.
     Goals as measured [n, 3] -> actions [n, 6].

@@ -14,6 +14,7 @@ import sys
 import textwrap
 
 import common
+from baseline import FLOOR
 
 sys.path.append(str(common.ROOT / "tests" / "exercises"))
 import judge  # noqa: E402  (in tests/exercises)
@@ -161,9 +162,9 @@ def findings():
     kept = sum(promise["kept"] for promise in seeds["promises"])
     found = (
         f"""*A carrot is a strong opponent once all its settings are tuned* in the world they are
-        used in: near goals take it {100 * share:.0f} % of the time of the same controller as its
-        team configured it. ({len(tuned["tried"])} settings were tried. Of the ten best,
-        {tuned["rule"]} was kept.)""",
+        used in: to near goals it needs {100 * share:.0f} % of the time that it needs with its
+        team's settings. ({len(tuned["tried"])} settings were tried. Of the ten best,
+        {tuned["rule"]} was kept; to stay: still there in {100 * FLOOR:.0f} % of the walks.)""",
         f"""*Search is not fast.* Knowing what every double step does is not knowing what the next
         measurement says. The safest of {len(search["tried"])} settings keeps to
         {100 * safest["factor"]:.0f} % of the step limits, and falls in {percent(safest["fall"])} of
@@ -172,8 +173,8 @@ def findings():
         {hunts["time_once_mean"]:.1f} s and stays after {hunts["time_mean"]:.1f} s: it hunts around
         it.""",
         f"""*The paper's baseline shuffles:* it runs out of time in
-        {percent(mean("timeout", "baseline", 0.5))} of the walks to near goals and
-        {percent(mean("timeout", "baseline", 1))} to far ones; in the paper in 3 to 8 %.""",
+        {percent(mean("timeout", "baseline", 0.5))} of {seeds["goals"]:,} other walks to near goals
+        and {percent(mean("timeout", "baseline", 1))} to far ones; in the paper in 3 to 8 %.""",
         f"""*The policy wins by being quick, not by being safe.* Over three trainings and
         {seeds["goals"]:,} goals a block its time is
         {mean("over_baseline_tuned", "policy", 0.5):.3f} (near) and
