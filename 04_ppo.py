@@ -17,9 +17,9 @@ What is maximised. The policy π(a|s) is a distribution over the actions a for e
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; we want it large on average.
   value      V(s) = E[G_t | s]: what to expect; a second network, the critic, learns it
   advantage  A_t: how much better the action was than expected, about G_t − V(s_t)
-How the average changes with the policy, Σ over actions: ∇E[G] = Σ G·∇π = E[G·∇ln π]. Subtracting
-V(s) from G changes nothing on average, as E[∇ln π] = Σ∇π = ∇1 = 0, but much of the noise goes. So
-E[A·∇ln π(a|s)] is the way to go (policy gradient): good actions become more likely, bad ones less.
+How the average changes with one decision (with all: their sum, policy gradient), Σ over actions:
+∇E[G] = Σ G·∇π = E[G·∇ln π]. As E[∇ln π] = Σ∇π = ∇1 = 0, G − V(s) does as well, with less noise. So
+follow E[A·∇ln π(a|s)]: good actions become more likely, bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
@@ -71,14 +71,14 @@ class PPOConfig:
     gamma: float = 0.98  # γ, discount per double step: looks about 1/(1−γ) = 50 ahead [own]
     lam: float = 0.95  # λ of [GAE], see `gae` [8]
     clip: float = 0.2  # ε, how far the ratio ρ is rewarded to move [7]
-    value_coef: float = 0.5  # of the critic's loss: its share of max_grad_norm [8]
+    value_coef: float = 0.5  # c_V, weight of the critic's loss in the sum [8]
     max_grad_norm: float = 0.5  # longer gradients are scaled down to this length [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer [P]
     first_concentration: float = 10.0  # α+β of the first policy, > 2; larger: explores less [own]
     sharpest: float = 4.0  # exploration fades: π^k, k grows linearly from 1 to this [own]
     normalize: bool = False  # observations and rewards; stage 3's have the right size [own]
     checkpoint_every: int = 10  # updates; see `train` [own]
-    unsettled: int = 3  # updates after that without time-outs, or with many: not logged [own]
+    unsettled: int = 3  # updates after a reset: too few or many time-outs, logged as nan [own]
 FOREIGN = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, normalize=True)  # --env
 PENDULUM = replace(FOREIGN, gamma=0.95)  # what it does now is seen within 20 steps
 
@@ -99,7 +99,7 @@ class ActorCritic(nn.Module):
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
     hump, as α, β > 1 (not the angles of stage 3). Training rewards what the samples do, but in the
     end the mean decides. So the samples gather around it: while training, a sharpness k grows, and
-        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, narrower, of one mode.
+        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, narrower, mode kept.
     """
     sharpness = 1.0  # k; set by `train` and `load_policy`
 
@@ -145,7 +145,7 @@ class ActorCritic(nn.Module):
     def decide(self, obs):
         """What to do when it counts, arrays: [N, obs] -> [N, act]: the mean. (The paper: mode.)"""
         with torch.no_grad():  # α / (α + β), calmer than the mode: `tests/studies/decision.py`
-            return self.policy(torch.as_tensor(np.asarray(obs), dtype=torch.float32)).mean.numpy()
+            return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mean.numpy()
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):

@@ -310,8 +310,8 @@ def time_ratio(trials, reference, resamples=2000):
     ours, theirs = trials["time"][both], reference["time"][both]  # [s], one per goal
     if not both.any():
         return None, None, 0
-    # Paired bootstrap (not that of stage 4): draw goals, not times, again and again; a far goal is
-    # far for both.  pick [resamples, goals]
+    # Paired bootstrap (not that of stage 4): draw as many goals again, with replacement; a far goal
+    # is far for both.  pick [resamples, goals]
     pick = np.random.default_rng(0).integers(len(ours), size=(resamples, len(ours)))
     ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
     return ours.mean() / theirs.mean(), np.percentile(ratios, [2.5, 97.5]), len(ours)
@@ -546,8 +546,8 @@ def plot_race(walks, path, robot, every=10):
 # ------------------------------------------------------------------------ to play with
 class Field:
     """Seen from above: press the mouse at a goal, drag to where the toes shall point, let go."""
-    def __init__(self, world, planner):
-        self.world, self.planner, self.pressed = world, planner, None
+    def __init__(self, world, planner, friction=np.nan):
+        self.world, self.planner, self.friction, self.pressed = world, planner, friction, None
         self.figure, self.axes = plt.subplots(figsize=(7, 7), layout="constrained")
         self.figure.canvas.mpl_connect("button_press_event", self.point)
         self.figure.canvas.mpl_connect("button_release_event", self.point)
@@ -568,7 +568,7 @@ class Field:
         world, robots, fell = self.world, np.array([0]), True
         while True:
             if fell:
-                world.reset(robots, goals=np.zeros((1, 3)))
+                world.reset(robots, goals=np.zeros((1, 3)), friction=self.friction)
                 self.planner.reset(1)
                 path = []  # of the torso
             measured = world.measure(robots)
@@ -586,12 +586,12 @@ class Field:
                 self.axes.set(xlim=(-2, 2), ylim=(-2, 2), title=title)
                 yield
 
-def play(world, planner):
+def play(world, planner, friction):
     """A window to play in, until it is closed."""
     for backend in ("MacOSX", "QtAgg", "TkAgg"):
         with contextlib.suppress(ImportError):
             plt.switch_backend(backend)
-            field = Field(world, planner)
+            field = Field(world, planner, friction)
             for _ in field.live():
                 plt.pause(0.05)  # [s] and drawing takes as long again
                 if not plt.fignum_exists(field.figure.number):
@@ -680,17 +680,17 @@ def main(argv=None):
     if args.friction is not math.nan and not 0 <= args.friction < 100:  # math.nan: not given
         parser.error(f"--friction from 0 to 100, not {args.friction}")
     try:
-        blocks = {}  # by the spread of the goals
-        for std, far in ((task.goal_std_m, False), (task.far_std_m, True))[: 1 + args.far]:
-            blocks[std] = draw_trials(args.seed, args.episodes, far, args.friction)
+        blocks = {std: draw_trials(args.seed, args.episodes, std > task.goal_std_m, args.friction)
+                  for std in (task.goal_std_m, task.far_std_m)[: 1 + args.far]}
         if args.goals:
             blocks = {None: read_trials(args.goals, args.seed, args.friction)}
         planners, about = choose_planners(args.sim, args.policy, args.imu, args.planner)
         out = parser.folder(args)
-        count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
-        with contextlib.closing(env.FootstepWorld(1 if args.play else count, args.sim)) as world:
+        most = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
+        world = env.FootstepWorld(1 if args.play else most, args.sim, args.noise)
+        with contextlib.closing(world):
             if args.play:
-                play(world, next(iter(planners.values())))
+                play(world, next(iter(planners.values())), args.friction)
             else:
                 run(world, blocks, planners, about, args, out)
     except (InputError, OSError) as error:

@@ -1255,7 +1255,8 @@ def test_a_planner_of_one_s_own_cannot_change_the_world(world, tmp_path):
 def field(request):
     """A Field on a canvas without display, with robots that have the model's own body."""
     world = env.FootstepWorld(1, request.param, cores=1, spread=robot_model.Spread(0, 0, 0, 0, 0))
-    field = evaluate.Field(world, evaluate.BaselinePlanner(replace(OTHER, time_constant=0.0)))
+    planner = evaluate.BaselinePlanner(replace(OTHER, time_constant=0.0))
+    field = evaluate.Field(world, planner, friction=0.65)
     yield field
     evaluate.plt.close(field.figure)
     world.close()
@@ -1286,6 +1287,7 @@ def test_the_robot_walks_where_the_mouse_says(field):
     np.testing.assert_allclose(world.goal[0], [0.4, 0.2, math.pi / 2], atol=1e-3, err_msg=(
         "pressed: the place; dragged along +y: the toes point there"))
     walk_until(field, pictures, lambda: world.inside[0])
+    assert world.friction[0] == 0.65, "--friction is there while playing, too"
     drag(field, (-0.2, 0.1), (-0.21, 0.1))  # hardly moved: a click
     np.testing.assert_allclose(world.goal[0], [-0.2, 0.1, world.pose[0, 2]], atol=1e-3)
     for _ in range(5):

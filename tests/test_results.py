@@ -229,8 +229,28 @@ def test_points_of_the_contest_are_seconds():
         (5.0 + 2.0 + 2.0 + 7.0 + 6.0) / 2), "200 s per share of falls, 100 s per share of time-outs"
     assert book.judge.points([row, other | {"still_there": 0.6}]) is None, "it runs through"
     assert book.judge.points([row | {"time_mean": None, "still_there": None}]) is None
+    row["walks"] = other["walks"] = [("success", "5.0"), ("success", "6.0")]
     lines = book.judge.ranking({"none.py": [row | {"time_mean": None, "still_there": None}] * 2,
                                 "slow.py": [other] * 2, "fast.py": [row] * 2}).splitlines()
     assert [re.search(r"`(.*)`", line)[1] for line in lines[2:]] == [
         "fast.py", "slow.py", "none.py"], "the fewest points win"
     assert "disqualified" in lines[-1]
+
+def test_points_of_the_contest_have_an_interval():
+    rng, count = np.random.default_rng(0), 400
+    ended = rng.choice(["success", "fall"], count, p=(0.95, 0.05))
+    time = np.where(ended == "success", rng.normal(7.0, 2.0, count), 3.0)
+    reached, fell = time[ended == "success"], ended == "fall"
+    # Time and falls are nearly independent: their variances add up. Two equal blocks: half of it.
+    variance = (reached.var() / len(reached) + 200**2 * fell.var() / count) / 2
+    middle = reached.mean() + 200 * fell.mean()
+    rows = [{"walks": list(zip(ended.tolist(), map(str, time)))}] * 2
+    np.testing.assert_allclose(
+        book.judge.interval(rows), middle + 1.96 * variance**0.5 * np.array([-1, 1]), rtol=0.03,
+        err_msg="mean ± 1.96 standard errors, nearly; only successes have a time")
+
+def test_contestants_of_one_name_are_refused(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["judge.py", "ada/mine.py", "bob/mine.py"])
+    with pytest.raises(SystemExit) as stop:
+        book.judge.main()
+    assert stop.value.code == 2 and "name of its own" in capsys.readouterr().err

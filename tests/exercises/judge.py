@@ -3,15 +3,18 @@
     python tests/exercises/judge.py ada.py bob.py --seed 417
 
 Runs `05_evaluate.py --mujoco --noise --far --planner FILE --seed SEED` for each file (also
-`--episodes`), writes to runs/contest/ and prints the points; a file that fails is told and left
+`--episodes`), writes to runs/contest/ and prints the points; a failing file is named and left
 out. Only --episodes 500, the default, counts. Without a file: the field, as shipped in results/.
 """
 
 import argparse
+import csv
 import json
 import subprocess
 import sys
 from pathlib import Path
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
@@ -24,11 +27,23 @@ def points(rows):
     return sum(row["time_mean"] + PER_FALL * row["fall"] + PER_TIMEOUT * row["timeout"]
                for row in rows) / len(rows)
 
+def interval(rows):
+    """The 95 % interval of the points: draw as many walks again, with replacement, 2,000 times."""
+    rng, drawn = np.random.default_rng(0), np.zeros(2000)
+    for row in rows:
+        ended, time = np.array(row["walks"]).T  # [walks] outcome, seconds
+        pick = rng.integers(len(ended), size=(2000, len(ended)))  # [2000, walks]
+        reached, time = ended[pick] == "success", time.astype(float)[pick]
+        seconds = (time * reached).sum(1) / np.maximum(reached.sum(1), 1)
+        drawn += (seconds + PER_FALL * (ended[pick] == "fall").mean(1)
+                  + PER_TIMEOUT * (ended[pick] == "timeout").mean(1)) / len(rows)
+    return np.percentile(drawn, [2.5, 97.5])
+
 def ranking(found):
     """Lines of Markdown for rows {planner: its rows with noise}, best first."""
     scores = {name: points(rows) for name, rows in found.items()}
     lines = ["| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
-             "| points |", "| --- | --- | --- | --- | --- |"]
+             "| points [95 % interval] |", "| --- | --- | --- | --- | --- |"]
     for name in sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)):
         cells = [f"`{name}`"]
         for row in found[name]:
@@ -36,15 +51,22 @@ def ranking(found):
             cells.append(f"{time}, {row['fall']:.3f}, {row['timeout']:.3f}")
         still = min(row["still_there"] or 0 for row in found[name])
         score = scores[name]
-        cells += [f"{still:.2f}", "disqualified" if score is None else f"{score:.1f}"]
+        cells.append(f"{still:.2f}")
+        cells.append("disqualified" if score is None else "{:.1f} [{:.1f}, {:.1f}]".format(
+            score, *interval(found[name])))
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
-def noisy(path):
-    """Rows with noise by planner, of an evaluation.json."""
-    found = {}
-    for row in json.loads(path.read_text(encoding="utf-8"))["rows"]:
+def noisy(folder):
+    """Rows with noise by planner, of an evaluation.json; each with its walks: outcome, seconds."""
+    found, walks = {}, {}
+    with open(folder / "trials.csv", encoding="utf-8", newline="") as file:
+        for walk in csv.DictReader(file):
+            key = walk["planner"], walk["noise"] == "yes", float(walk["goal_std_m"])
+            walks.setdefault(key, []).append((walk["outcome"], walk["time"]))
+    for row in json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))["rows"]:
         if row["noise"]:
+            row["walks"] = walks[row["planner"], True, row["goal_std_m"]]
             found.setdefault(row["planner"], []).append(row)
     return found
 
@@ -56,7 +78,10 @@ def main():
     parser.add_argument("--seed", default="0")
     parser.add_argument("--episodes", default="500")
     args = parser.parse_args()
-    found = {} if args.files else noisy(ROOT / "results" / "mujoco" / "evaluation.json")
+    names = [file.name for file in args.files]
+    if len(set(names)) < len(names):
+        parser.error("two files of one name: give every contestant's file a name of its own")
+    found = {} if args.files else noisy(ROOT / "results" / "mujoco")
     for file in args.files:
         out = ROOT / "runs" / "contest" / file.stem
         command = [sys.executable, ROOT / "05_evaluate.py", "--mujoco", "--noise", "--far",
@@ -67,7 +92,7 @@ def main():
         if done.returncode:
             print((done.stderr.splitlines() or [f"{file}: failed"])[-1], file=sys.stderr)
         else:
-            found |= noisy(out / "evaluation.json")
+            found |= noisy(out)
     print(ranking(found))
 
 if __name__ == "__main__":

@@ -5,8 +5,8 @@
 The planner `search` of stage 5 with step sizes of half to all that the limits allow, and with a
 largest change from one double step to the next: every combination on 200 noisy tuning trials, half
 of them far. The three best are walked again on 2,000 others. Kept is the fastest with at most 0.5 %
-falls that stays (search.npz); if none does, the one that falls least, and the table says so. The
-figure shows all of them beside all the carrots that the study `baseline` has tried.
+falls that stays (search.npz); if none does, the one that falls least, and search.json says so (its
+"rule"). The figure shows all of them beside all the carrots that the study `baseline` has tried.
 """
 
 import json
