@@ -717,6 +717,7 @@ def test_a_kick_has_the_impulse_that_it_promises(monkeypatch):
     monkeypatch.setattr(kicks, "BETWEEN", 0.01)  # [s] a kick in every double step
     world = flying(kicks, 0.3, 0.3)
     world.step(np.tile(world.neutral_action, (3, 1)), np.arange(3))
+    assert not world.sim.since.any(), "all were kicked in this double step"
     world.close()
     momentum = []
     for model, state in zip(world.sim.models, world.sim.state):
@@ -767,3 +768,9 @@ def test_kicked_policies_are_trained_and_judged(tiny, monkeypatch):
     falls = {(row["planner"], row["speed"]): row["fall"] for row in rows}
     for name in ("policy", "policy_imu"):
         assert falls[name, 0.0] < falls[name, 3.0], "whoever is kicked with 3 m/s falls"
+    for row in rows:
+        falls = round(row["fall"] * row["episodes"])
+        assert sum(row["falls_after"].values()) == falls, "every fall has its kick"
+        if row["speed"] == 3.0:
+            *soon, later = row["falls_after"].values()
+            assert sum(soon) > later, "a kick of 3 m/s is felt at once"
