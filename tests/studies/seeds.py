@@ -14,7 +14,7 @@ import common
 import kept
 import numpy as np
 
-DURATION = {"pymunk": "about 90 minutes on two cores",
+DURATION = {"pymunk": "about an hour on two cores",
             "mujoco": "about 40 minutes on two cores, and 35 for a training"}
 SETS, GROUND_SETS = 4, 2  # of 500 goals
 BLOCKS = tuple(itertools.product((False, True), (False, True)))  # far, noise
