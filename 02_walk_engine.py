@@ -289,7 +289,7 @@ def highest_speed(poses, fall, period):
 
     poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s].
     """
-    # speed = |way along the axis| / (Σ PATTERN · period); 4 % low, as the walk ends amid a step
+    # speed = |way along the axis| / (Σ PATTERN · period); ends amid a step: 4 % low, not sideways
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)
@@ -392,7 +392,7 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
         drawn = np.clip(mean + spread * rng.normal(size=(population, len(names))), low, high)
         drawn[0] = mean
         tried = [replace(TUNED[sim], **dict(zip(names, x.round(4).tolist()))) for x in drawn]
-        seen = [measure(sim, one, iteration) for one in tried]  # the same worlds for all
+        seen = [measure(sim, one, iteration) for one in tried]  # same worlds; main: others
         scores = [score(sim, measured) for measured in seen]
         best = np.argsort(scores)[::-1][:elite]
         # Seven samples are noisy: keep some of the old distribution.
@@ -447,8 +447,7 @@ def main():
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
-    first = 1000 + 3 * args.seed  # worlds that the tuning has not seen
-    seen = average([measure(args.sim, TUNED[args.sim], first + draw) for draw in range(3)])
+    seen = average([measure(args.sim, TUNED[args.sim], 1000 + 3 * args.seed + k) for k in range(3)])
     for mu, speeds, ratios in zip(FRICTION, seen["speeds"], seen["tracking"]):
         print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)",
               ", ".join(f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds))
