@@ -358,7 +358,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     model = make_model(envs.single_observation_space.shape[0], envs.single_action_space.shape[0],
                        cfg.hidden, getattr(envs.unwrapped, "neutral_action", 0.5),  # of stage 3
                        cfg.first_concentration, cfg.normalize)
-    optimizer = torch.optim.Adam(model.parameters(), eps=1e-5)  # ε of [8]
+    optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)  # ε of [8]; quicker
     out, rows = Path(out), []
     out.mkdir(parents=True, exist_ok=True)
     if resume:

@@ -404,11 +404,12 @@ def test_the_stopwatch_counts_calls_and_leaves_no_trace():
 
 def test_learning_is_what_the_simulation_leaves():
     budget, cfg = import_module("budget"), ppo.PPOConfig(num_envs=10, rollout=5)
-    watch = common.Stopwatch(calls=15, seconds=2.0, first=1.0, last=4.0)
-    assert budget.learning_ms(watch, cfg) == pytest.approx(10.0), (
+    step = common.Stopwatch(calls=15, seconds=2.0, first=1.0, last=4.0)
+    reset = common.Stopwatch(calls=2, seconds=0.5, first=0.5, last=3.0)
+    assert budget.learning_ms(step, reset, cfg) == pytest.approx(10.0), (
         "1 s of learning, from two rollouts of 5 · 10 double steps; the third comes too late")
-    watch.calls = 5
-    assert budget.learning_ms(watch, cfg) is None, "one rollout ends before any learning"
+    step.calls = 5
+    assert budget.learning_ms(step, reset, cfg) is None, "one rollout ends before any learning"
 
 @SIMS
 def test_bare_physics_is_nothing_but_the_simulator_s_steps(sim):

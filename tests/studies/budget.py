@@ -2,8 +2,8 @@
 
     python tests/studies/budget.py [--mujoco] [--ship]
 
-Enough: at least 98 % success. Learning is everything but simulation. (After an interruption it is
-measured from there on.)
+Enough: at least 98 % success. Simulation is all that happens in the environment's `step` and
+`reset`, learning is the rest. (After an interruption it is measured from there on.)
 """
 
 import common
@@ -21,21 +21,22 @@ def train(sim):
     name = common.digest(fits, env.Task(), common.robot_model.RobotModel(), cfg, STEPS)
     out = common.work(sim, f"budget_{name}")
     if not (out / "cost.json").is_file():
-        with common.timed(env.FootstepVectorEnv, "step") as simulation:
+        with (common.timed(env.FootstepVectorEnv, "step") as step,
+              common.timed(env.FootstepVectorEnv, "reset") as reset):
             _, rows = kept.learn(
                 out, cfg, lambda n: env.FootstepVectorEnv(n, sim, noise=True), STEPS, seed=0,
                 about={"fits": fits, "imu": False, "noise": True})
         cost = {"minutes": round(rows[-1]["minutes"], 2), "cores": common.robot_model.CORES}
-        cost["learning_ms"] = learning_ms(simulation, cfg)
+        cost["learning_ms"] = learning_ms(step, reset, cfg)
         common.write(out / "cost.json", common.as_json(cost))
     return out
 
-def learning_ms(simulation, cfg):
-    """Learning per double step [ms], from the first to the last one; None after too few."""
-    steps = cfg.num_envs * (simulation.calls - cfg.rollout)  # the last rollout is not learned from
+def learning_ms(step, reset, cfg):
+    """Learning per double step [ms], from the first reset to the last step; None after too few."""
+    steps = cfg.num_envs * (step.calls - cfg.rollout)  # the last rollout is not learned from
     if steps <= 0:
         return None
-    return round(1000 * (simulation.last - simulation.first - simulation.seconds) / steps, 4)
+    return round(1000 * (step.last - reset.first - step.seconds - reset.seconds) / steps, 4)
 
 def study(sim):
     """The final policy of the short training."""
