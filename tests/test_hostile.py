@@ -385,7 +385,7 @@ def test_two_trainings_may_write_into_one_folder(tmp_path):
     script = ("import sys; from importlib import import_module; from pathlib import Path\n"
               "ppo, letter = import_module('04_ppo'), sys.argv[1].encode()\n"
               "def write(temporary): temporary.write_bytes(letter * 10**6)\n"
-              "for _ in range(200): ppo.atomic_write(Path(sys.argv[2]), write)")
+              "for _ in range(50): ppo.atomic_write(Path(sys.argv[2]), write)")
     both = [subprocess.Popen([sys.executable, "-c", script, letter, tmp_path / "file"],
                              env=os.environ | {"PYTHONPATH": str(ROOT)}) for letter in "ab"]
     assert [one.wait() for one in both] == [0, 0]
