@@ -84,12 +84,9 @@ def studies_page():
 
 def missing():
     """The end of that page: promises that are not kept, the next levers, what nobody has run."""
-    seeds, rules = (common.read_json(common.RESULTS / "mujoco" / "studies" / f"{name}.json")
-                    for name in ("seeds", "decision"))
-    broken = "; ".join(f"{p['what']} {p['sign']} {p['limit']:.{p['digits']}f}, found "
-                       f"{p['found']:.{p['digits']}f}" for p in seeds["promises"] if not p["kept"])
+    rules, kicks = (common.read_json(common.RESULTS / "mujoco" / "studies" / f"{name}.json")
+                    for name in ("decision", "kicks"))
     fall = far_falls()
-    kicks = common.read_json(common.RESULTS / "mujoco" / "studies" / "kicks.json")
     *_, hardest, felt = kicks["rows"]
     soon, *_ = falls = list(felt["falls_after"].values())
 
@@ -114,7 +111,7 @@ def missing():
         mode, which the paper takes, in {often}; the mean needs {percent(slower)} more time. On
         goals where nothing was chosen it is {fresh} and {other}: what looks best where one chose
         looks less good elsewhere. Over its three trainings the recipe does not keep these promises:
-        {broken}.""",
+        {broken("mujoco")}. On the plane it does not keep: {broken("pymunk")}.""",
         f"""What to try next. (1) The joints: of the far walks {fall["as trained"]} end in a fall,
         {fall["no static friction in the joints"]} without static friction in the joints,
         {fall["nothing but static friction"]} with nothing drawn but that, and
@@ -128,6 +125,12 @@ def missing():
         f"""Written, but not run in today's world: {open_ones}.""")
     text = "\n\n".join(wrap.fill(" ".join(part.split())) for part in parts)
     return f"\n## What is missing, and what to try next\n\n{text}\n"
+
+def broken(sim):
+    """The promises that three trainings do not keep, in words."""
+    promises = common.read_json(common.RESULTS / sim / "studies" / "seeds.json")["promises"]
+    return "; ".join(f"{p['what']} {p['sign']} {p['limit']:.{p['digits']}f}, found "
+                     f"{p['found']:.{p['digits']}f}" for p in promises if not p["kept"])
 
 def readme_table():
     """The table of README: 3-D, with noise, without IMU; far only those who race."""

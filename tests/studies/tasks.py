@@ -61,10 +61,10 @@ def study(_sim):
     rows = []
     for task, (steps, published, source) in TASKS.items():
         for seed in kept.SEEDS:
-            model, meta = ppo.load_policy(train(task, steps, seed) / "policy.pt")
+            model, _ = ppo.load_policy(train(task, steps, seed) / "policy.pt")
             returns = judge(model, task)
             rows.append({"task": task, "steps": steps, "seed": seed, "published": published,
-                         "source": source, "minutes": round(meta["minutes"], 1),
+                         "source": source,
                          "return": round(float(returns.mean()), 2),
                          "std": round(float(returns.std()), 2)})
     return common.Findings({"episodes": EPISODES, "rows": rows}, table(rows))
@@ -77,8 +77,8 @@ def table(rows):
         means = np.array([row["return"] for row in own])
         lines.append([task, f"{own[0]['steps']:,}", f"{means.mean():.1f}",
                       ", ".join(f"{mean:.1f}" for mean in means), own[0]["published"],
-                      own[0]["source"], f"{np.mean([row['minutes'] for row in own]):.1f}"])
-    head = ("task", "steps", "return, mean of seeds", "each seed", "published", "by", "minutes")
+                      own[0]["source"]])
+    head = ("task", "steps", "return, mean of seeds", "each seed", "published", "by")
     return common.markdown(head, lines)
 
 if __name__ == "__main__":
