@@ -307,7 +307,7 @@ def mujoco_model(robot):
     A joint that the ground drives backward is braked harder than the limit, as by a real motor.
     Geoms touch nothing (contype 0) except in three pairs; condim 3: a normal force and two along
     the ground, within Coulomb's cone, alike in all directions (MuJoCo's own choice is a pyramid: μ
-    along the ground's x and y, μ/√2 between them; it is 1.6 times faster and lets feet skate).
+    along the ground's x and y, μ/√2 between them; it is 1.3 times faster and lets feet skate).
     The flags save a third of the time: at landing feet Newton's method needs fewer iterations when
     it does not start from the last forces, and one robot has no islands to solve apart.
     """

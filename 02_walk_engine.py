@@ -315,7 +315,7 @@ def measure(sim, parameters, seed=0):
     steps of a quarter and of half the largest size, likewise; stood: share of random plans that did
     not fall; steps: share of their double steps before a fall; clearance: lowest corner of the
     swinging sole between 30 and 70 % of its swing, median and 5th percentile [m]; slip: way of the
-    support foot's ankle while the other foot is in the air, median [m].
+    support foot's ankle while the other foot is in the air, median [m]; both over all walks.
     """
     rng, straight = np.random.default_rng(seed), speed_plans()
     plans = np.concatenate([*[straight] * len(FRICTION), random_plans(rng, LIMITS[sim], PLANS)])
@@ -370,7 +370,7 @@ def score(sim, measured):
 
     Mean of √(speed / required speed) at the worst μ + 2 · share of random double steps + share of
     random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
-    makes a slow direction count more than a fast one.
+    makes a slow direction count more than a fast one; slip is only printed.
     """
     real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
     worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]

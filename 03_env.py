@@ -39,7 +39,7 @@ wrap = robot_model.wrap
 @dataclass(frozen=True)
 class Task:
     """The task; source "paper", or "ours" where the paper is silent."""
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²), this is σ; ours: the paper's times fit it
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours: planar times are as the paper's
     far_std_m: float = 1.0  # [m] of half of the goals in training, and of `05 --far`; ours
     goal_std_rad: float = math.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper

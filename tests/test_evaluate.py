@@ -285,24 +285,33 @@ def test_double_steps_favour_no_side_and_can_be_asked_for():
     mirrored = {tuple(step[::-1].ravel().round(9) + 0.0) for step in steps}
     assert every == mirrored, "what the left foot can, the right foot can: swap the two rows"
     assert len(every) == len(steps) == 281, "8 · 5 · 7, and in place; each once"
+    sideways = steps[:, 0, 1] - steps[:, 1, 1]  # [A] [m] to the left: both feet
+    assert sideways.max() == pytest.approx(LIMITS.high[1] - LIMITS.low[1]), (
+        "one foot steps outward, then the other one follows inward")
     half = search.double_steps(LIMITS, 0.5)
     assert np.abs(half[..., 0]).max() == pytest.approx(0.09), "half of 18 cm"
 
 def test_displacements_are_those_of_a_steady_walk(monkeypatch):
-    """A walk by heart: twice slow, then as asked, on a curve; the second one falls at last."""
+    """A walk by heart: twice slow, then as asked, on a curve, with delay half as far again; the
+    second one falls at last, but only with delay.
+    """
     moves = np.array([[0.2, 0.0, 0.3], [0.1, -0.1, 0.0]])
+    delayed = moves * [1.5, 1, 1]
 
-    def walk(sim, parameters, footsteps):
-        assert footsteps.shape == (2, 6, 2, 3), "each double step six times"
-        poses = np.zeros((2, 7, 3))
+    def walk(sim, parameters, footsteps, body):
+        assert footsteps.shape == (4, 6, 2, 3), "each double step six times, with both delays"
+        assert body.delay.tolist() == [0, 0, 1, 1] and (body.stiction == 0.75).all()
+        assert (body.friction == 0.7).all() and (body.mass == 1).all(), "the middle of the spread"
+        poses = np.zeros((4, 7, 3))
         for k in range(6):
-            poses[:, k + 1] = robot_model.compose(poses[:, k], moves * (1 if k > 1 else 0.3))
-        return poses, poses, np.array([6, 5])
+            poses[:, k + 1] = robot_model.compose(
+                poses[:, k], np.concatenate([moves, delayed]) * (1 if k > 1 else 0.3))
+        return poses, poses, np.array([6, 6, 6, 5])
 
     monkeypatch.setattr(env.walk_engine, "walk", walk)
     found, stood = search.displacements("pymunk", search.double_steps(LIMITS)[:2])
-    np.testing.assert_allclose(found, moves, atol=1e-12, err_msg=(
-        "from the third on, each seen from where the robot was and looked before"))
+    np.testing.assert_allclose(found, (moves + delayed) / 2, atol=1e-12, err_msg=(
+        "of both delays, from the third on, each seen from where the robot was and looked before"))
     assert stood.tolist() == [True, False]
 
 @pytest.fixture

@@ -571,8 +571,10 @@ def test_tuning_keeps_the_fastest_safe_setting_that_stays(monkeypatch):
     assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
     leaves, rule = baseline.choose(None, [rows[4], PAPER | {"time": 5.5, "planner": 0.9}], PAPER)
     assert leaves is rows[4] and "none stays" in rule, "the fastest, though it leaves without noise"
-    unsafe = baseline.choose(None, rows[2:4], PAPER)[0]
-    assert unsafe is rows[3], "no safe one: the one with the fewest falls"
+    safe = baseline.choose(None, rows[2:4], PAPER)[0]
+    assert safe is rows[3], "none of the safe ones stays: the fastest of them"
+    unsafe = baseline.choose(None, [rows[2], PAPER | {"time": 3.0, "fall": 0.2}], PAPER)[0]
+    assert unsafe is rows[2], "no safe one: the one with the fewest falls"
 
 def test_baseline_and_search_are_tuned_and_shipped(tiny, monkeypatch):
     search = import_module("search")  # everybody arrives at once:

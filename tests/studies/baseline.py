@@ -7,8 +7,10 @@ Cross-entropy method over drawn worlds, two thirds of the walks with noise: half
 Where it ends, the best of an earlier search, and the eight best candidates of all are walked again
 on 2,000 other trials. Kept is the fastest one with at most 0.5 % falls there that stays: with noise
 as well as the paper's baseline, and 97 % without (baseline_tuned.json). If none does, the fastest
-that is safe and stays with noise; if there is none either, the one that falls least. No trial of
-the table is ever seen.
+that is safe and stays with noise, else the fastest that is safe, else the one that falls least. No
+trial of the table is ever seen. (As in the paper's engine a carrot steps sideways with the leading
+foot only and turns both feet alike: in 3-D at most 0.16 m/s and 0.97 rad/s; the actions of policy
+and search reach 0.22 and 1.21.)
 """
 
 from dataclasses import asdict, fields
@@ -91,15 +93,17 @@ def choose(trials, rows, paper):
     without noise is measured only where it matters.
     """
     safe = [row for row in sorted(rows, key=lambda row: row["time"] or np.inf)
-            if row["fall"] <= MAX_FALLS
-            and (row["still_there"] or 0) >= paper["still_there"] - LESS]
-    for row in safe:
+            if row["fall"] <= MAX_FALLS]
+    stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"] - LESS]
+    for row in stay:
         row["quiet"] = facts(both(trials, row["planner"], False, 101, 1))["still_there"]
         if row["quiet"] >= FLOOR:
             return row, "the fastest of the safe ones that stay"
+    if stay:
+        return stay[0], "none stays without noise: the fastest that is safe and stays with noise"
     if safe:
-        return safe[0], "none stays without noise: the fastest that is safe and stays with noise"
-    return min(rows, key=lambda row: row["fall"]), "none is safe and stays: the fewest falls"
+        return safe[0], "none is safe and stays: the fastest that is safe"
+    return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
 def study(sim):
     """The whole search."""

@@ -6,6 +6,8 @@ Robots with drawn bodies on drawn ground. Every cell is eight walks of three and
 double steps, each step varied by ±5 %. The third map asks what fells the robot: a long step, or a
 sudden change of its length? The fourth panel walks random plans within the limits of x, y and yaw
 while the sum of their shares may be 1, …, 3 (anything); the blue line is the limit that we chose.
+Then the feet in random plans within the limits (stage 2 also counts the straight walks of its speed
+test, in which they rise higher).
 """
 
 from dataclasses import replace
@@ -18,6 +20,7 @@ robot_model, walk_engine = common.robot_model, import_module("02_walk_engine")
 DURATION = {"pymunk": "about 2 minutes on two cores", "mujoco": "about 2 minutes on two cores"}
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
 PLANS = 512  # random ones for every load
+FEET = 6  # seeds of 96 random plans, for the feet
 LOADS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)  # [-] largest sums of the shares
 X = np.linspace(-0.24, 0.32, CELLS)  # [m]
 MAPS = {  # title: label of the second axis, its values, first and then from (x, second)
@@ -46,6 +49,16 @@ def standing(sim, load, seed=0):
     """Share of random plans that end standing, if combined steps are limited to that load."""
     rng, limits = np.random.default_rng(seed), replace(walk_engine.LIMITS[sim], load=load)
     return 1 - falls_of(sim, walk_engine.random_plans(rng, limits, PLANS), rng).mean()
+
+def feet(sim):
+    """Clearance, median and 5th percentile, and slip [m] as of `measure`, in random plans only."""
+    frictions, walk_engine.FRICTION = walk_engine.FRICTION, ()  # no speed test
+    try:
+        seen = walk_engine.average([walk_engine.measure(sim, walk_engine.TUNED[sim], seed)
+                                    for seed in range(FEET)])
+    finally:
+        walk_engine.FRICTION = frictions
+    return [round(value, 5) for value in (*seen["clearance"], seen["slip"])]
 
 def cells(title, xs, others):
     """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
@@ -78,6 +91,9 @@ def study(sim):
     head = ["largest sum of shares", *map(str, LOADS)]
     table += common.markdown(head, [["random plans that stand", *map("{:.2f}".format,
                                                                      stood.values())]])
+    *content["clearance"], content["slip"] = clearance, lowest, slip = feet(sim)
+    table += (f"\nFeet in random plans: clearance {1000 * clearance:.1f} mm (median) and "
+              f"{1000 * lowest:.1f} mm (5 %), slip of the support foot {1000 * slip:.1f} mm.\n")
     return common.Findings(content, table, plot(maps, stood, limits, sim))
 
 def plot(maps, stood, limits, sim):

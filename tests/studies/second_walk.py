@@ -18,7 +18,7 @@ import limits
 from kept import env, ppo, robot_model
 
 walk_engine = env.walk_engine
-DURATION = {"pymunk": "it needs --mujoco", "mujoco": "65 minutes, estimated"}
+DURATION = {"pymunk": "it needs --mujoco", "mujoco": "about 65 minutes on two cores"}
 TUNINGS = (1, 2)  # seeds
 WORLDS = range(100, 104)  # seeds of the worlds in which both walks are measured
 STEPS = ppo.STEPS  # double steps of the training

@@ -117,7 +117,8 @@ def table(rows, median):
         shown["policy, mean"] = kept.means(seeds, COLUMNS)
         shown |= {row["planner"]: row for row in pick(rows, far, noise, seed=None)}
         for label, row in shown.items():
-            cells = [common.number(row[key], digits) if key in row else ""
+            cells = [common.with_interval(row, key, digits) if f"{key}_ci95" in row
+                     else common.number(row[key], digits) if key in row else ""
                      for key, digits in COLUMNS.items()]
             lines.append(["far" if far else "near", "yes" if noise else "no", label, *cells])
     return common.markdown(HEAD, lines)
