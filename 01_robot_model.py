@@ -662,10 +662,10 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 # ------------------------------------------------------------------------ command line
-def whole(text, least=0, most=math.inf):
+def whole(text, least=0, most=2**63 - 2):
     """A whole number of the command line."""
-    if not text.isdecimal() or not least <= int(text) <= most:
-        raise ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
+    if not text.isdecimal() or len(text) > 19 or not least <= int(text) <= most:
+        raise ArgumentTypeError(f"{text[:30]} is not a whole number from {least} to {most}")
     return int(text)
 
 class StageParser(ArgumentParser):
@@ -678,7 +678,7 @@ class StageParser(ArgumentParser):
         self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
 
     def error(self, message):
-        self.exit(2, f"{self.prog}: {message}\n")
+        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
 
     def parse(self, argv=None):
         """The arguments; `sim` is "pymunk" or "mujoco"."""

@@ -446,17 +446,17 @@ def main(argv=None):
     parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
     parser.add_argument("--env", metavar="ID", help="train on this Gymnasium environment instead")
     args = parser.parse(argv)
-    if args.env and (args.sim == "mujoco" or args.imu or not args.noise):
+    if args.env is not None and (args.sim == "mujoco" or args.imu or not args.noise):
         parser.error("--env cannot be combined with --mujoco, --imu or --no-noise")
-    steps, task = args.steps or (QUICK_STEPS if args.quick else STEPS), args.env or args.sim
-    if args.env:
+    steps, task = args.steps or (QUICK_STEPS if args.quick else STEPS), args.sim
+    if args.env is not None:
+        task = args.env
         cfg, fits = PENDULUM if task == "Pendulum-v1" else FOREIGN, {"simulator": task}
         make_envs = partial(foreign_envs, task)
         try:
             make_envs(1).close()
         except Exception as error:  # a foreign environment may raise anything
-            reason = f"{task} needs its packages and a row of bounded actions: {error}"
-            parser.error(" ".join(reason.split()))
+            parser.error(f"{task} needs its packages and a row of bounded actions: {error}")
     else:
         cfg, fits = PPOConfig(), env.fingerprint(args.sim, args.imu)
         make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu)

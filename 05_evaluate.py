@@ -407,7 +407,7 @@ def read_trials(path, seed, friction):
                 key = int(row.get("seed", seed)), int(row.get("trial", len(trials)))
                 given = "mu" in row and np.isnan(friction)
                 mu = float(row["mu"]) if given else friction
-                sound = all(abs(v) < 1e9 for v in goal) and 0 <= min(key) <= max(key) < 2**63
+                sound = all(abs(v) < 1e9 for v in goal) and 0 <= min(key) <= max(key) < 2**63 - 1
                 if None in row or not sound or given and not 0 <= mu <= 100:  # None: too many cells
                     raise ValueError("too many, too large, below 0, or mu above 100")
                 trials[goal, key, str(mu)] = goal, key, mu
@@ -426,7 +426,7 @@ def load(path, sim):
         if path.suffix == ".json":
             stored, name = json.loads(path.read_text(encoding="utf-8")), "baseline_tuned"
             names, values = zip(*stored["settings"].items())
-            settings = env.checked("settings", values, 8)
+            settings = env.checked("settings", [v if 0 < v < 1e6 else math.nan for v in values], 8)
             planner = BaselinePlanner(BaselineSettings(**dict(zip(names, settings))))
         elif path.suffix == ".npz":
             with np.load(path) as file:
@@ -629,8 +629,8 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
             print(f"left out: {error}", file=sys.stderr)
     planners["baseline"] = BaselinePlanner()
     if own:
-        planners = {own.name: OwnPlanner(own), **planners}
-        about[own.name] = {"file": own.as_posix()}
+        name = own.stem + ".py"  # none of ours has an ending
+        planners, about[name] = {name: OwnPlanner(own), **planners}, {"file": own.as_posix()}
     return planners, about
 
 def run(world, blocks, planners, about, args, out):
@@ -675,14 +675,14 @@ def main(argv=None):
     parser.add_argument("--gif", action="store_true", help="also draw animation.gif, a race")
     parser.add_argument("--play", action="store_true", help="click a goal, watch the robot walk")
     args, task = parser.parse(argv), env.Task()
-    if args.far and args.goals:
+    if args.far and args.goals is not None:
         parser.error("--far draws goals, --goals brings its own: leave out one of them")
     if args.friction is not math.nan and not 0 <= args.friction < 100:  # math.nan: not given
         parser.error(f"--friction from 0 to 100, not {args.friction}")
     try:
         blocks = {std: draw_trials(args.seed, args.episodes, std > task.goal_std_m, args.friction)
                   for std in (task.goal_std_m, task.far_std_m)[: 1 + args.far]}
-        if args.goals:
+        if args.goals is not None:
             blocks = {None: read_trials(args.goals, args.seed, args.friction)}
         planners, about = choose_planners(args.sim, args.policy, args.imu, args.planner)
         out = parser.folder(args)

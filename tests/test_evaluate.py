@@ -824,7 +824,7 @@ def refused(capsys, *arguments):
     ("x,y,yaw,trial\n1,2,3,1.5\n", 2), ("x,y,yaw,seed\n1,2,3,-1\n", 2),
     ("x,y,yaw,seed\n1,2,3,1e300\n", 2), (f"x,y,yaw,seed\n1,2,3,{2**63}\n", 2),
     (f"x,y,yaw,seed,trial\n1,2,3,1,{2**63}\n", 2), ("x,y,yaw\n1.7e308,1.7e308,1\n", 2),
-    ("x,y,yaw\n1,nan,1\n", 2)])
+    (f"x,y,yaw,trial\n1,2,3,{2**63 - 1}\n", 2), ("x,y,yaw\n1,nan,1\n", 2)])
 def test_a_malformed_goals_file_names_the_line(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("goals.csv").write_text(text)
@@ -873,7 +873,10 @@ def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys):
     assert "text.pt" in refused(capsys, "--policy", good, "--out", Path("text.pt") / "below")
     for count in ("0", "-3", "many", "1.5"):
         refused(capsys, "--policy", good, "--episodes", count)
-    refused(capsys, "--policy", good, "--seed", "-1")
+    for seed in ("-1", str(2**63), "7" * 5000):
+        assert len(refused(capsys, "--policy", good, "--seed", seed)) < 200, "not all its digits"
+    refused(capsys, "--policy", good, "--goals", "")  # a variable of the shell that is not set
+    refused(capsys, "--policy", good, "--out", Path("text.pt") / "two\nlines")
     assert "--episodes" in refused(capsys, "--goals", "latin.csv", "--episodes", "3")
     assert "--policy" in refused(capsys, "--imu", "--policy", good), "which of the two is shown?"
     assert "04_ppo.py --imu" in refused(capsys, "--imu"), "there is none with an IMU"
@@ -892,6 +895,8 @@ DAMAGED = {
     "a word for the filter": json.dumps({"settings": SETTINGS | {"time_constant": "slow"}}),
     "nothing": json.dumps({"settings": SETTINGS | {"turning": None}}),
     "nan": json.dumps({"settings": SETTINGS | {"gain": math.nan}}),
+    "below 0": json.dumps({"settings": SETTINGS | {"gain": -1e308}}),
+    "no speed": json.dumps({"settings": SETTINGS | {"sideways": 0}}),
 }
 
 @pytest.mark.parametrize("damage", DAMAGED)
@@ -1195,6 +1200,13 @@ def own_planner(folder, line="pass", name="mine.py"):
     path = Path(folder, name)
     path.write_text(PLANNER.format(line=line))
     return path
+
+def test_a_planner_of_one_s_own_has_a_name_that_is_none_of_ours(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    policy = save_untrained(Path("results/pymunk/policy.pt"))
+    for name in ("policy", "baseline"):  # without an ending
+        planners, _ = evaluate.choose_planners("pymunk", own=own_planner(".", name=name))
+        assert list(planners) == [f"{name}.py", "policy", "baseline"], policy
 
 def test_a_planner_of_one_s_own_is_a_row_beside_the_others(short_trials, monkeypatch):
     monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)

@@ -868,6 +868,7 @@ def test_a_failing_save_leaves_the_good_policy_alone(tmp_path, monkeypatch):
 # ------------------------------------------------------------------------ the command line
 @pytest.mark.parametrize("arguments", [
     ["--steps", "0"], ["--steps", "-5"], ["--steps", "many"], ["--seed", "-1"], ["--seed", "x"],
+    ["--seed", str(2**63)], ["--steps", "1" * 400], ["--env", ""],
     ["--env", "Pendulum-v1", "--mujoco"], ["--env", "Pendulum-v1", "--imu"],
     ["--env", "Pendulum-v1", "--no-noise"], ["--env", "NoSuchWorld-v0"], ["--env", "CartPole-v1"],
     ["--env", "Pendulum-v1", "--resume"], ["--unknown"],

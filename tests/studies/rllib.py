@@ -8,7 +8,7 @@ pymunk==7.3.1 mujoco==4.0.0 matplotlib tqdm`. Its PPO with the settings and the 
 ours, 100,000 double steps, three seeds, two processes with eight robots each; then 250 near and 250
 far noisy goals. (Its own first policy draws actions with a standard deviation as wide as half of
 their range: after 70,000 double steps it still fell in 73 % of the walks.) On a cluster: start Ray
-there, set RAY_ADDRESS and RUNNERS.
+there with this folder at the same place on every machine, set RAY_ADDRESS, and RUNNERS below.
 """
 
 import os
@@ -72,7 +72,8 @@ def algorithm(sim, seed, runners):
     last["pi.net.mlp.0.weight"] = 0.01 * last["pi.net.mlp.0.weight"]
     last["pi.net.mlp.0.bias"] = np.float32(np.concatenate([2 * neutral - 1, log_std]))
     algo.learner_group.set_weights(weights)
-    algo.env_runner_group.sync_weights(from_worker_or_learner_group=algo.learner_group)
+    algo.env_runner_group.sync_weights(  # and waits until every process has them
+        from_worker_or_learner_group=algo.learner_group, timeout_seconds=60)
     return algo
 
 class Decides:
