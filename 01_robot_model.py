@@ -39,11 +39,14 @@ from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormat
 from dataclasses import dataclass
 from pathlib import Path
 
+os.environ["MPLBACKEND"] = "Agg"  # figures are drawn into files, without a screen
+if __name__ == "__mp_main__":  # a process of `Workers`: Ctrl-C does not end it, a closed pipe does
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pymunk.batch
 
-plt.switch_backend("Agg")  # figures are drawn into files, without a screen
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
@@ -602,7 +605,6 @@ class PymunkSim:
 # ------------------------------------------------------------------------ several processes
 def serve(pipe, *settings):
     """A process of its own: runs the methods of its PymunkSim until the pipe closes."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C does not end it: a closed pipe does
     sim = PymunkSim(*settings)
     with contextlib.suppress(EOFError, ConnectionError):
         while True:
@@ -635,7 +637,7 @@ class Workers:
                 pipe.send((method, robots[own] // count, share))
             return rows, [pipe.recv() for pipe in self.pipes]
         except (EOFError, ConnectionError) as error:
-            raise OSError("a process of the simulator has ended, start again") from error
+            raise OSError("a process of the simulator ended; start again (04: --resume)") from error
 
     def reset(self, robots, body=None):
         self._ask("reset", robots, body)

@@ -473,7 +473,7 @@ def main(argv=None):
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
     if not args.env:  # stage 5 finds a policy in its usual folder
-        file = " --imu" * args.imu if out == usual else f" --policy {out / 'policy.pt'}"
+        file = " --imu" * args.imu if out == usual else f' --policy "{out / "policy.pt"}"'
         print("next: python 05_evaluate.py --noise" + " --mujoco" * (args.sim == "mujoco") + file)
 
 if __name__ == "__main__":

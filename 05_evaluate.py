@@ -62,6 +62,7 @@ PAPER = {  # Table II by (planner, noise): success, timeout, fall, success time 
     ("policy", True): (0.978, 0.000, 0.022, 6.35, 2.23),
     ("baseline", True): (0.910, 0.078, 0.012, 11.43, 5.11),
 }
+MOST = 10**4  # [trials] in a block: they take 5 GB of memory
 FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
 InputError = ppo.PolicyError  # of whatever the user gives: a line that says why
 
@@ -411,6 +412,8 @@ def read_trials(path, seed, friction):
                 if None in row or not sound or given and not 0 <= mu <= 100:  # None: too many cells
                     raise ValueError("too many, too large, below 0, or mu above 100")
                 trials[goal, key, str(mu)] = goal, key, mu
+                if len(trials) > MOST:
+                    raise ValueError(f"more than {MOST:,}")
         if not trials:
             raise ValueError("there is none")
     except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
@@ -629,7 +632,7 @@ def choose_planners(sim, chosen=None, imu=False, own=None):
             print(f"left out: {error}", file=sys.stderr)
     planners["baseline"] = BaselinePlanner()
     if own:
-        name = own.stem + ".py"  # none of ours has an ending
+        name = own.stem.replace(",", ";") + ".py"  # none of ours has an ending; commas end cells
         planners, about[name] = {name: OwnPlanner(own), **planners}, {"file": own.as_posix()}
     return planners, about
 
@@ -664,7 +667,7 @@ def main(argv=None):
     parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
     parser.add_argument("--far", action="store_true", help="a second block: goals twice as far")
     goals, policies = (parser.add_mutually_exclusive_group() for _ in range(2))
-    goals.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1, 10**5),
+    goals.add_argument("--episodes", type=lambda text: robot_model.whole(text, 1, MOST),
                        default=500, help="goals (default 500)")
     goals.add_argument("--goals", metavar="FILE.csv", help="columns x, y, yaw: m, m, rad")
     parser.add_argument("--friction", type=float, metavar="MU", default=math.nan,

@@ -824,7 +824,8 @@ def refused(capsys, *arguments):
     ("x,y,yaw,trial\n1,2,3,1.5\n", 2), ("x,y,yaw,seed\n1,2,3,-1\n", 2),
     ("x,y,yaw,seed\n1,2,3,1e300\n", 2), (f"x,y,yaw,seed\n1,2,3,{2**63}\n", 2),
     (f"x,y,yaw,seed,trial\n1,2,3,1,{2**63}\n", 2), ("x,y,yaw\n1.7e308,1.7e308,1\n", 2),
-    (f"x,y,yaw,trial\n1,2,3,{2**63 - 1}\n", 2), ("x,y,yaw\n1,nan,1\n", 2)])
+    (f"x,y,yaw,trial\n1,2,3,{2**63 - 1}\n", 2), ("x,y,yaw\n1,nan,1\n", 2),
+    ("x,y,yaw\n" + 12_000 * "0,0,0\n", 10_002)], ids=lambda text: repr(text)[:40])
 def test_a_malformed_goals_file_names_the_line(text, line, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("goals.csv").write_text(text)
@@ -1207,6 +1208,8 @@ def test_a_planner_of_one_s_own_has_a_name_that_is_none_of_ours(tmp_path, monkey
     for name in ("policy", "baseline"):  # without an ending
         planners, _ = evaluate.choose_planners("pymunk", own=own_planner(".", name=name))
         assert list(planners) == [f"{name}.py", "policy", "baseline"], policy
+    planners, _ = evaluate.choose_planners("pymunk", own=own_planner(".", name="a, b.py"))
+    assert next(iter(planners)) == "a; b.py", "a comma ends a cell of trials.csv"
 
 def test_a_planner_of_one_s_own_is_a_row_beside_the_others(short_trials, monkeypatch):
     monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)

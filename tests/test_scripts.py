@@ -167,7 +167,7 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert (train / "learning_curve.png").stat().st_size > 1000
     policy = train / "policy.pt"
     assert policy.stat().st_size > 1000
-    assert f"python 05_evaluate.py --noise --policy {policy}" in shown, "say how to go on"
+    assert f'python 05_evaluate.py --noise --policy "{policy}"' in shown, "say how to go on"
     (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n0.3,0,0\n-0.3,0.2,1\n0.2,-0.1,-1\n")
     monkeypatch.chdir(tmp_path)
     env = import_module("03_env")
@@ -220,7 +220,8 @@ WRONG += [("04_ppo.py", arguments, mention) for arguments, mention in (
     (["--env", "Pendulum-v1", "--imu"], "--env"), (["--env", "Pendulum-v1", "--no-noise"], "--env"),
     (["--resume", "--out", "."], "checkpoint"))]
 WRONG += [("05_evaluate.py", arguments, mention) for arguments, mention in (
-    (["--episodes", "0"], "episodes"), (["--goals", "a_file"], "a_file, line 1"),
+    (["--episodes", "0"], "episodes"), (["--episodes", "10001"], "10001"),
+    (["--goals", "a_file"], "a_file, line 1"),
     (["--goals", "a_file", "--episodes", "3"], "--episodes"), (["--policy", "a_file"], "a_file"),
     (["--policy", "a_file", "--imu"], "--policy"), (["--goals", "a_file", "--far"], "--far"),
     *((["--friction", mu], mention) for mu, mention in (

@@ -66,8 +66,9 @@ def plot(falls, sim):
         place.scatter(x, y, **kw)
         length.scatter(before, now, **kw)
         tilt.scatter(moment, pitch, **kw)
-        ground.hist(mu, np.linspace(0.4, 1.0, 13), histtype="step", color=kept.COLORS[name],
-                    weights=np.full(len(mu), 1 / max(1, len(mu))))
+        if len(mu) >= 20:  # of fewer, shares say nothing
+            ground.hist(mu, np.linspace(0.4, 1.0, 13), histtype="step", color=kept.COLORS[name],
+                        weights=np.full(len(mu), 1 / len(mu)))
     place.plot(0, 0, "k>", ms=8)
     place.set(title="goal, seen from the robot (black)", xlabel="ahead [m]", ylabel="left [m]",
               aspect="equal", xlim=(-2, 2), ylim=(-2, 2))
