@@ -34,7 +34,6 @@ import csv
 import itertools
 import json
 import math
-import os
 import runpy
 import sys
 import threading
@@ -103,9 +102,7 @@ def low_pass(velocity, command, seconds, time_constant):
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
 def velocity_to_footsteps(velocity, period):
-    """v_x, v_y [m/s], ω [rad/s] of n robots [n, 3] as footsteps [n, 2, 3], outward positive. Each
-    is seen from the other foot (stage 2), so two of them in a row add up.
-    """
+    """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot."""
     v_x, v_y, omega = velocity.T
     half = period / 2  # [s] a single step
     # x: each foot lands v_x·(period/2) ahead of the other one
@@ -409,11 +406,10 @@ def read_trials(path, seed, friction):
                 given = "mu" in row and np.isnan(friction)
                 mu = float(row["mu"]) if given else friction
                 sound = all(abs(v) < 1e9 for v in goal) and 0 <= min(key) <= max(key) < 2**63 - 1
-                if None in row or not sound or given and not 0 <= mu <= 100:  # None: too many cells
+                sound = sound and len(trials) <= MOST and (not given or 0 <= mu <= 100)
+                if None in row or not sound:  # None: too many cells
                     raise ValueError("too many, too large, below 0, or mu above 100")
                 trials[goal, key, str(mu)] = goal, key, mu
-                if len(trials) > MOST:
-                    raise ValueError(f"more than {MOST:,}")
         if not trials:
             raise ValueError("there is none")
     except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:
@@ -543,7 +539,7 @@ def plot_race(walks, path, robot, every=10):
                 top.text(0.02, y, f"{key}: {clock}", color=color, transform=top.transAxes)
             top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0), title="from above, goal: green")
             writer.grab_frame()
-    os.replace(temporary, path)
+    temporary.replace(path)
     plt.close(figure)
 
 # ------------------------------------------------------------------------ to play with
