@@ -521,7 +521,7 @@ def test_ours_and_theirs_agree_where_the_ranges_of_their_seeds_overlap():
     assert [line[-1] for line in study.promises(rows)] == ["yes", "no", "yes", "yes", "no", "yes"]
     assert [line[-2] for line in study.promises(rows)][3:] == ["0.70", "1.20", "0.46"]
     figure = study.plot(rows, "pymunk")
-    assert [len(axes.lines) for axes in figure.axes] == [9] * 4, "a curve for every training"
+    assert [len(axes.lines) for axes in figure.axes] == [12] * 4, "every training, and the means"
     common.plt.close(figure)
 
 def test_shares_between_mode_and_mean(tiny):

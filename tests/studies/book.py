@@ -185,6 +185,15 @@ def gaps():
         other seeds, and a policy on it needs {percent(slow / mean("time_mean", 1) - 1)} more time
         to far goals: more than our three trainings differ. Whoever tunes a better walk may win more
         than by learning longer."""
+    plane, cost = (common.RESULTS / "pymunk" / "studies" / f"{name}.json"
+                   for name in ("benchmark", "budget"))
+    *_, crowd, most = common.read_json(plane)["rows"]
+    costs = [common.read_json(path)["learning_ms"] for path in (cost, studies / "budget.json")]
+    yield f"""Speed: learning takes {costs[0]:.3f} ms per double step on the plane, in 3-D
+        {costs[1]:.3f}; we wanted 0.07. A planar robot takes {most["kB"]:.0f} kB of memory, nearly
+        all of it inside pymunk; we wanted 400. And on one core {most["robots"]} of them are slower
+        than {crowd["robots"]}, {most["one_core"]:.0f} and {crowd["one_core"]:.0f} double steps per
+        second, as bare physics is, {most["bare"]:.0f} and {crowd["bare"]:.0f}."""
 
 def broken(sim):
     """The promises that three trainings do not keep, in words."""
