@@ -188,12 +188,14 @@ def test_the_command_of_the_sheets_works_word_for_word():
     assert done.returncode == 0, done.stdout + done.stderr
     assert "beta_mode ★: solved" in last_words(done.stdout)
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_imported_is_told_at_last(tmp_path):
     (tmp_path / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
     done = grade(tmp_path, "-k", "gae")
     assert done.returncode != 0
     assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in last_words(done.stdout)
 
+@pytest.mark.slow
 def test_nothing_is_no_solution_and_a_copy_is_told(tmp_path):
     """Who hands in an empty folder's worth, or our own words, gets no praise for it."""
     gae = sheet.read(sheet.find("04_ppo"))
