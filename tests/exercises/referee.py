@@ -22,12 +22,13 @@ from workbook import command  # noqa: E402
 ROOT = Path(__file__).resolve().parents[2]
 
 def forget(folder):
-    """Every module of ours and of the submission: the next one brings its own."""
+    """Every module of ours and of the submission: the next one brings its own. (But none of the
+    virtual environment, which may lie in our folder: numpy cannot be loaded twice.)
+    """
     for name, module in list(sys.modules.items()):
-        file = getattr(module, "__file__", None)
-        if file and name != "__main__" and Path(file).is_relative_to(ROOT):
-            del sys.modules[name]
-        elif file and Path(file).is_relative_to(folder):
+        path = Path(getattr(module, "__file__", None) or "/")
+        ours = path.is_relative_to(ROOT) and not path.is_relative_to(sys.prefix)
+        if name != "__main__" and (ours or path.is_relative_to(folder)):
             del sys.modules[name]
 
 def grade(exercise, files):
