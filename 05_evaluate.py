@@ -406,10 +406,11 @@ def read_trials(path, seed, friction):
                 given = "mu" in row and np.isnan(friction)
                 mu = float(row["mu"]) if given else friction
                 sound = all(abs(v) < 1e9 for v in goal) and 0 <= min(key) <= max(key) < 2**63 - 1
-                sound = sound and len(trials) <= MOST and (not given or 0 <= mu <= 100)
-                if None in row or not sound:  # None: too many cells
+                same = goal, key, str(mu)  # as text, for nan is not nan
+                room = same in trials or len(trials) < MOST
+                if None in row or not (sound and room) or given and not 0 <= mu <= 100:
                     raise ValueError("too many, too large, below 0, or mu above 100")
-                trials[goal, key, str(mu)] = goal, key, mu
+                trials[same] = goal, key, mu
         if not trials:
             raise ValueError("there is none")
     except (OSError, ValueError, TypeError, KeyError, csv.Error) as error:

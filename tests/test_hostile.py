@@ -182,6 +182,17 @@ def test_a_closed_environment_may_be_closed_again(sim, cores):
             with pytest.raises(OSError, match="closed"):
                 call()
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no process can be sent Ctrl-C alone there")
+def test_ctrl_c_does_not_end_the_processes_of_the_simulator():
+    """The terminal sends it to them, too; what ends them is the stage, by closing their pipes."""
+    robot = robot_model.RobotModel()
+    sim = robot_model.make_sim("pymunk", 2, robot_model.stance(robot, planar=True), cores=2)
+    sim.reset([0, 1])  # they have answered, so they run
+    for process in sim.processes:
+        os.kill(process.pid, signal.SIGINT)
+    sim.reset([0, 1])
+    sim.close()
+
 @pytest.mark.parametrize("make", [
     lambda: env.FootstepVectorEnv(-1), lambda: env.FootstepVectorEnv(1.5),
     lambda: env.FootstepVectorEnv(2, "webots"), lambda: env.FootstepVectorEnv(2, None),
