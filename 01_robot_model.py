@@ -18,8 +18,7 @@ radians, counter-clockwise about their axis, so a positive pitch leans forward. 
 then right: hip yaw, hip roll, hip pitch, knee, ankle pitch, ankle roll. Shapes: N robots, n some of
 them (given by their indices), T control ticks.
 
-Left out: arms and head (their mass is in the torso), gear play, sensors. Only the soles touch
-anything. The planar robot cannot fall sideways: see `PymunkSim`.
+Left out: arms and head (their mass is in the torso), gear play, sensors; only soles touch anything.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
@@ -90,8 +89,7 @@ class RobotModel:
     gravity: float = 9.81  # [m/s²]
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
-    # MuJoCo only.
-    stiffness: float = 300.0  # [N m/rad] position gain of a motor; our choice
+    stiffness: float = 300.0  # [N m/rad] position gain of a motor, only in MuJoCo; our choice
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
     planar_iterations: int = 20  # [-] of the solver; our choice, keeps the joints together
@@ -111,10 +109,8 @@ class RobotModel:
 
 @dataclass(frozen=True)
 class Spread:
-    """How far ground and robot may be from the model in an episode; the robot is not told.
-
-    All zeros is the model itself. Every value is drawn uniformly, independently; sizes: our choice.
-    """
+    """How far ground and robot may be from the model in an episode; the robot is not told. All
+    zeros: the model itself. Every value is drawn uniformly, independently; sizes: our choice."""
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
@@ -159,8 +155,7 @@ def wrap(angle):
 
 def turned(vector, yaw):
     """Vectors [..., 2] turned by yaw [...] [rad]."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    x, y = vector[..., 0], vector[..., 1]
+    (x, y), cos, sin = np.moveaxis(vector, -1, 0), np.cos(yaw), np.sin(yaw)
     return np.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
 def compose(base, pose):
@@ -240,10 +235,9 @@ def leg_inverse(robot, position, foot_turn):
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
 def body_inverse(robot, trunk, feet, planar=False):
-    """Joint angles [..., 12] that put both feet in their places below the trunk.
+    """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
 
     trunk [..., 6]: x, y, z, roll, pitch, yaw; feet [..., 2, 4]: x, y, z of the sole, yaw.
-    Planar: the legs stay below their hips.
     """
     # Feet seen from a level frame at the trunk that turns with it: x, y, yaw. [..., 2, 3]
     seen = relative(trunk[..., None, [0, 1, 5]], feet[..., [0, 1, 3]])
@@ -516,8 +510,7 @@ class PymunkSim:
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         for i in robots:
             batch.get_space_bodies(self.spaces[i], wanted, buffer)
-        # Seven bodies and, last, the ground.
-        return np.frombuffer(buffer.float_buf()).reshape(-1, 8, 6)[:, :7].copy()
+        return np.frombuffer(buffer.float_buf()).reshape(-1, 8, 6)[:, :7].copy()  # 8th: ground
 
     def _angles(self, bodies):
         """Sagittal joint angles [..., 6] of bodies [..., 7, 6]: pitch of a link − its parent's."""
@@ -527,7 +520,9 @@ class PymunkSim:
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         robots, pose = np.asarray(robots, int), self.pose[robots]
-        seen = self._run_plane(trajectory.joints[..., SAGITTAL], robots)  # [n, T + 1, 7, 6]
+        targets, some = trajectory.joints[..., SAGITTAL], range(0, len(robots) or 1, 16)
+        seen = np.concatenate([self._run_plane(targets[i : i + 16], robots[i : i + 16])
+                               for i in some])  # [n, T + 1, 7, 6]; 16 spaces fit into a cache
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self._run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
@@ -703,8 +698,18 @@ class StageParser(ArgumentParser):
         except OSError as error:
             self.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
 
+def atomic_write(path, write):
+    """write(temporary file), then rename: the old file or the new one, never half of one."""
+    temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
 def run(main):
     """Calls a stage's main(); Ctrl-C, a full disk or a lost process is one line, no traceback."""
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # it was closed
     try:
         main()
         print(end="", flush=True)
@@ -748,7 +753,7 @@ def main():
     axis.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.05, 0.8),
              title=f"The last second before a fall, leaning by {leans[i]:.2f} rad at the ankles\n"
              "(left leg blue, right leg orange, eight moments)")
-    figure.savefig(out / "01_robot.png", dpi=110)
+    atomic_write(out / "01_robot.png", lambda file: figure.savefig(file, dpi=110))
     print("Look at", out / "01_robot.png")
 
 if __name__ == "__main__":

@@ -443,7 +443,7 @@ def main():
         axis.set(title=title, xlabel="time [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle("A double step amid a walk: the left foot swings, then the right")
-    figure.savefig(out / "02_plan.png", dpi=110)
+    robot_model.atomic_write(out / "02_plan.png", lambda file: figure.savefig(file, dpi=110))
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
@@ -463,7 +463,7 @@ def main():
              title=f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
     axis.legend()
     axis.grid(alpha=0.3)
-    figure.savefig(out / "02_walk.png", dpi=110)
+    robot_model.atomic_write(out / "02_walk.png", lambda file: figure.savefig(file, dpi=110))
     print("Look at", out / "02_plan.png", "and", out / "02_walk.png")
 
 if __name__ == "__main__":

@@ -432,7 +432,7 @@ def main():
              xlabel="double step (several episodes)", ylabel="sum of rewards so far [1]")
     axis.legend(ncols=2)
     axis.grid(alpha=0.3)
-    figure.savefig(out / "03_rewards.png", dpi=110)
+    robot_model.atomic_write(out / "03_rewards.png", lambda file: figure.savefig(file, dpi=110))
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":

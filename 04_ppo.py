@@ -267,16 +267,12 @@ def episode_means(infos):
 class PolicyError(ValueError):
     """A file cannot be used; the message is one line that says why."""
 
-def atomic_write(path, write):
-    """write(temporary file) and rename: the old file or the new one, never half of one."""
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")  # two may train into one folder
+def save_plain(path, stored):
+    """A dict of plain values and tensors."""
     try:
-        write(temporary)
-        os.replace(temporary, path)
+        robot_model.atomic_write(path, lambda file: torch.save(stored, file))
     except RuntimeError as error:  # of PyTorch
         raise OSError(f"{path} cannot be written: is the disk full?") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 def load_plain(path):
     """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
@@ -302,16 +298,18 @@ def save_policy(path, model, meta):
     stored = {**meta, **model.shape, "state_dict": model.state_dict()}
     if path.exists():
         previous = path.with_name(path.stem + ".previous" + path.suffix)
-        atomic_write(previous, lambda temporary: temporary.write_bytes(path.read_bytes()))
-    atomic_write(path, lambda temporary: torch.save(stored, temporary))
+        robot_model.atomic_write(previous, lambda file: file.write_bytes(path.read_bytes()))
+    save_plain(path, stored)
 
 def load_policy(path):
     """(model, meta); meta["fits"] says what the policy was trained for."""
     meta = load_plain(path)
     try:
-        model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"],
-                            normalize=meta.get("normalize", False))
-        model.load_state_dict(meta.pop("state_dict"))
+        with torch.device("meta"):  # shapes without numbers: a bad file might ask for millions
+            model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"],
+                                normalize=meta.get("normalize", False))
+        model.load_state_dict(meta.pop("state_dict"), assign=True)
+        model.float()
         model.sharpness = float(meta["config"]["sharpest"])  # as trained last
         if not all(tensor.isfinite().all() for tensor in model.state_dict().values()):
             raise ValueError("not finite")
@@ -323,10 +321,10 @@ def save_checkpoint(out, about, rows, model, optimizer):
     """All that a resumed training needs, and the log so far as a table."""
     stored = {"about": about, "update": len(rows), "rows": rows,
               "model": model.state_dict(), "optimizer": optimizer.state_dict()}
-    atomic_write(out / "checkpoint.pt", lambda temporary: torch.save(stored, temporary))
+    save_plain(out / "checkpoint.pt", stored)
     table = [list(row.values()) for row in rows]
-    atomic_write(out / "learning_curve.csv", lambda temporary: np.savetxt(
-        temporary, table, "%.6g", ",", header=",".join(rows[0]), comments=""))
+    robot_model.atomic_write(out / "learning_curve.csv", lambda file: np.savetxt(
+        file, table, "%.6g", ",", header=",".join(rows[0]), comments=""))
 
 def load_checkpoint(path, about, model, optimizer):
     """Puts the networks and Adam's state back where a training stopped; returns its log."""
@@ -423,7 +421,7 @@ def plot_learning_curve(rows, path, title):
         axes.legend()
     grid[1, 2].set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
     figure.suptitle(title)
-    atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
+    robot_model.atomic_write(path, lambda file: figure.savefig(file, dpi=130))
     plt.close(figure)
 
 # ------------------------------------------------------------------------ command line
@@ -453,6 +451,7 @@ def main(argv=None):
         task = args.env
         cfg, fits = PENDULUM if task == "Pendulum-v1" else FOREIGN, {"simulator": task}
         make_envs = partial(foreign_envs, task)
+        gym.logger.min_level = gym.logger.ERROR  # its warnings take lines of their own
         try:
             make_envs(1).close()
         except Exception as error:  # a foreign environment may raise anything

@@ -45,7 +45,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import PillowWriter
+from matplotlib.animation import FuncAnimation, PillowWriter
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
@@ -456,7 +456,7 @@ def load(path, sim):
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system; the old file or the new one, never half of one."""
-    ppo.atomic_write(path, lambda temporary: temporary.write_bytes(text.encode("utf-8")))
+    robot_model.atomic_write(path, lambda file: file.write_bytes(text.encode("utf-8")))
 
 def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
@@ -510,7 +510,7 @@ def plot_footsteps(columns, path):
         panel.label_outer()
     known = dict(zip(*axes[0].get_legend_handles_labels()[::-1]))  # handles by label, each once
     figure.legend(known.values(), known.keys(), loc="outside lower center", ncols=5, frameon=False)
-    ppo.atomic_write(path, lambda temporary: figure.savefig(temporary, dpi=130, format="png"))
+    robot_model.atomic_write(path, lambda file: figure.savefig(file, dpi=130))
     plt.close(figure)
 
 def plot_race(walks, path, robot, every=10):
@@ -522,25 +522,25 @@ def plot_race(walks, path, robot, every=10):
     beside = np.column_stack([way, 0 * way, torso[:, 2:5], 0 * way])
     figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
     looks = ("black", 1.0, 0.95), ("tab:purple", 0.4, 0.89)  # color, alpha, where its clock stands
-    temporary = path.with_name(path.stem + ".tmp.gif")  # Pillow wants the ending .gif
+
+    def draw(tick):
+        side.clear()
+        top.clear()
+        now = min(tick, len(way) - 1)
+        robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
+        side.axhline(0, color="black", lw=1)
+        side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
+                 xlabel="along its heading [m]", ylabel="z [m]", title=f"{name}, from the side")
+        for (key, walk), (color, alpha, y) in zip(walks.items(), looks):
+            draw_walk(top, walk, tick + 1, color, alpha)
+            walks_on = tick + 1 < len(walk["torso"])
+            clock = f"{(tick + 1) * robot.control_dt:.1f} s" if walks_on else walk['ending']
+            top.text(0.02, y, f"{key}: {clock}", color=color, transform=top.transAxes)
+        top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0), title="from above, goal: green")
+
+    film = FuncAnimation(figure, draw, [*range(0, last, every), *[last] * 30])  # the end stays
     writer = PillowWriter(fps=2 / (every * robot.control_dt))
-    with writer.saving(figure, temporary, dpi=75):
-        for tick in (*range(0, last, every), *[last] * 30):  # the end stays a while
-            side.clear()
-            top.clear()
-            now = min(tick, len(way) - 1)
-            robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
-            side.axhline(0, color="black", lw=1)
-            side.set(xlim=(way[now] - 0.4, way[now] + 0.4), ylim=(-0.04, 0.76), aspect="equal",
-                     xlabel="along its heading [m]", ylabel="z [m]", title=f"{name}, from the side")
-            for (key, walk), (color, alpha, y) in zip(walks.items(), looks):
-                draw_walk(top, walk, tick + 1, color, alpha)
-                walks_on = tick + 1 < len(walk["torso"])
-                clock = f"{(tick + 1) * robot.control_dt:.1f} s" if walks_on else walk['ending']
-                top.text(0.02, y, f"{key}: {clock}", color=color, transform=top.transAxes)
-            top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0), title="from above, goal: green")
-            writer.grab_frame()
-    temporary.replace(path)
+    robot_model.atomic_write(path, lambda file: film.save(file, writer, dpi=75))
     plt.close(figure)
 
 # ------------------------------------------------------------------------ to play with

@@ -1142,6 +1142,20 @@ def test_trials_given_back_with_goals_end_as_before(short_trials, monkeypatch, f
     for key, line in second.items():
         assert line == first[key], f"{key}: the same μ, outcome, time and steps"
 
+def test_an_interrupted_film_leaves_the_old_one_and_nothing_else(tmp_path, monkeypatch):
+    (tmp_path / "animation.gif").write_bytes(b"the old one")
+    walk = {"torso": np.zeros((30, 6)), "joints": np.zeros((30, 12)), "ending": "falls"}
+    called = []
+
+    def draw_walk(*_):
+        called.append(1)
+        if len(called) == 3:
+            raise KeyboardInterrupt
+    monkeypatch.setattr(evaluate, "draw_walk", draw_walk)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate.plot_race({"policy": walk}, tmp_path / "animation.gif", robot_model.RobotModel())
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"the old one"]
+
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials, monkeypatch):
     task = env.Task(time_limit=6 * PERIOD)

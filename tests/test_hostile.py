@@ -98,6 +98,7 @@ def test_a_file_for_the_other_simulator_is_told_so(end):
 
 @pytest.mark.parametrize("spoil", [
     lambda stored: stored.update(act_dim=5), lambda stored: stored.update(obs_dim=22),
+    lambda stored: stored.update(hidden=[200_000, 200_000]),  # 160 GB, if somebody made it
     lambda stored: stored.pop("fits"), lambda stored: stored.update(fits=7),
     lambda stored: stored.update(minutes=float("nan")),
     lambda stored: stored.update(minutes=torch.ones(2)), lambda stored: stored.pop("config"),
@@ -325,7 +326,7 @@ KILLED = """
                 return function(*args, **kw)
             if write:  # in the middle of a file
                 path, content = args
-                temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+                temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")
                 content(temporary)
                 whole = temporary.read_bytes()
                 temporary.write_bytes(whole[: len(whole) // 2])
@@ -338,7 +339,8 @@ KILLED = """
             phase, when = (("collect", 3), ("improve", 3), ("atomic_write", 2), ("collect", 1),
                            ("atomic_write", 1))[number % 5]
             when += random.Random(number).randrange(3)
-            setattr(ppo, phase, dying(getattr(ppo, phase), when, phase == "atomic_write"))
+            owner = ppo.robot_model if phase == "atomic_write" else ppo
+            setattr(owner, phase, dying(getattr(owner, phase), when, owner is not ppo))
         train(out, resume=os.path.exists(os.path.join(out, "checkpoint.pt")))
 """
 
@@ -357,7 +359,7 @@ def test_twenty_kills_change_no_weight(tmp_path):
     for number in range(20):
         done = run("killed", number)
         assert done.returncode == -signal.SIGKILL, done.stderr.decode()[-2000:]
-        for file in (tmp_path / "killed").glob("*.pt"):
+        for file in {*(tmp_path / "killed").glob("*.pt")} - {*tmp_path.rglob("*.tmp.pt")}:
             torch.load(file, weights_only=True)  # whole: the old one or the new one
     last = run("killed", -1)
     assert last.returncode == 0, last.stderr.decode()[-2000:]
@@ -372,35 +374,48 @@ def test_a_full_disk_is_one_line_and_damages_nothing(error, tmp_path, monkeypatc
     ppo = evaluate.ppo
     shutil.copy(ROOT / "results" / "pymunk" / "policy.pt", tmp_path / "policy.pt")
     before = (tmp_path / "policy.pt").read_bytes()
-    write = ppo.atomic_write
+    write = ppo.robot_model.atomic_write
 
     def to_the_full_disk(path, content):
-        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+        temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")
         if not temporary.is_symlink():
             temporary.symlink_to("/dev/full")
         write(path, content)
 
-    def of_pytorch(path, content):  # it raises an error of its own, and leaves a part of the file
-        def full(temporary):
-            temporary.write_bytes(b"a part")
-            raise RuntimeError("[enforce fail at inline_container.cc] . unexpected pos 1 vs 2")
-        write(path, full)
+    def of_pytorch(stored, file):  # it raises an error of its own, and leaves a part of the file
+        file.write_bytes(b"a part")
+        raise RuntimeError("[enforce fail at inline_container.cc] . unexpected pos 1 vs 2")
 
-    monkeypatch.setattr(ppo, "atomic_write", {"the system's": to_the_full_disk,
-                                              "PyTorch's": of_pytorch}[error])
+    if error == "PyTorch's":
+        monkeypatch.setattr(torch, "save", of_pytorch)
+    else:
+        monkeypatch.setattr(ppo.robot_model, "atomic_write", to_the_full_disk)
     with pytest.raises(SystemExit) as stopped:
         ppo.main(["--env", "Pendulum-v1", "--steps", "2048", "--out", str(tmp_path)])
     lines = [line for line in capfd.readouterr().err.splitlines() if "steps/s" not in line]
     assert stopped.value.code == 2 and len([line for line in lines if line.strip()]) == 1, lines
     assert (tmp_path / "policy.pt").read_bytes() == before, "the good one is still there"
-    assert not list(tmp_path.glob("*.tmp")), "what could not be finished takes no place"
+    assert not list(tmp_path.glob("*.tmp*")), "what could not be finished takes no place"
+
+def test_every_figure_is_written_atomically():
+    for path in [*ROOT.glob("0*.py"), *(ROOT / "tests" / "studies").glob("*.py")]:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            if "savefig(" in line or ".save(" in line and "torch" not in line:
+                assert "lambda file: " in line, f"{path.name}: not by atomic_write: {line.strip()}"
+
+def test_nobody_needs_a_terminal_to_write_errors_to(monkeypatch):
+    """`python 04_ppo.py 2>&-`, or pythonw: there is no sys.stderr, and no progress bar."""
+    monkeypatch.setattr(sys, "stderr", None)
+    walked = []
+    robot_model.run(lambda: walked.extend(evaluate.tqdm(range(3))))
+    assert walked == [0, 1, 2]
 
 def test_two_trainings_may_write_into_one_folder(tmp_path):
     """Each has temporary files of its own: whoever is last wins, and the file is whole."""
     script = ("import sys; from importlib import import_module; from pathlib import Path\n"
-              "ppo, letter = import_module('04_ppo'), sys.argv[1].encode()\n"
+              "robot_model, letter = import_module('01_robot_model'), sys.argv[1].encode()\n"
               "def write(temporary): temporary.write_bytes(letter * 10**6)\n"
-              "for _ in range(50): ppo.atomic_write(Path(sys.argv[2]), write)")
+              "for _ in range(50): robot_model.atomic_write(Path(sys.argv[2]), write)")
     both = [subprocess.Popen([sys.executable, "-c", script, letter, tmp_path / "file"],
                              env=os.environ | {"PYTHONPATH": str(ROOT)}) for letter in "ab"]
     assert [one.wait() for one in both] == [0, 0]

@@ -835,6 +835,17 @@ def test_planar_robots_in_two_processes_move_as_in_one(make_sim):
         f"close must end the workers: {[process.exitcode for process in processes]}")
     two.close()  # again is harmless
 
+def test_many_planar_robots_move_as_few():
+    """A cache holds sixteen; the others wait for their turn."""
+    plans, standing = walking("pymunk", 19, [[0.08, 0.02, 0.1], [0.08, 0, -0.1]], 1)
+    many, few = (robot_model.PymunkSim(19, standing) for _ in range(2))
+    robots = np.arange(19)[::-1]
+    got = many.run(part(plans[0], robots), robots)
+    for rows in np.split(np.arange(19), [1, 8]):
+        want = few.run(part(plans[0], robots[rows]), robots[rows])
+        for field in ("torso", "joints", "spin", "fell"):
+            np.testing.assert_array_equal(getattr(got, field)[rows], getattr(want, field))
+
 def test_a_reset_robot_of_workers_equals_that_of_one_process(make_sim):
     plans, standing = walking("pymunk", 5, [[0.08, 0, 0.1], [0.08, 0, -0.1]], 2)
     everybody, ends = np.arange(5), []

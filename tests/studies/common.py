@@ -14,7 +14,6 @@ others.
 import contextlib
 import hashlib
 import json
-import os
 import shutil
 import sys
 import time
@@ -82,7 +81,8 @@ def publish(name, sim, findings, ship=False):
     made = {f"studies/{name}{end}": folder / f"{name}{end}" for end in (".json", ".md")}
     if findings.figure is not None:
         made[f"studies/{name}.png"] = folder / f"{name}.png"
-        findings.figure.savefig(folder / f"{name}.png", dpi=110)
+        robot_model.atomic_write(folder / f"{name}.png",
+                                 lambda file: findings.figure.savefig(file, dpi=110))
         plt.close(findings.figure)
     for target, source in findings.files.items():
         made[target] = folder / target
@@ -108,14 +108,12 @@ def digest(*ingredients):
 def write(path, text):
     """The old file or the new one, never half of one; UTF-8 and plain line ends everywhere."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".tmp")
-    temporary.write_bytes(text.encode("utf-8"))
-    os.replace(temporary, path)
+    robot_model.atomic_write(path, lambda file: file.write_bytes(text.encode("utf-8")))
 
 def copy(source, target):
     """A file, with the folders it needs."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, target)
+    robot_model.atomic_write(target, lambda file: shutil.copyfile(source, file))
 
 def as_json(content):
     """Readable by a human, too; NaN would not be JSON."""

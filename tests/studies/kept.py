@@ -5,8 +5,8 @@ The 500 near and 500 far goals of evaluation seed 110 (on the plane: 0) are thos
 """
 
 import csv
-import os
 from dataclasses import asdict, replace
+from functools import partial
 from importlib import import_module
 
 import common
@@ -161,9 +161,8 @@ class Trials:
                                  env.Task(), settings)
             path = common.work(self.sim, "trials") / f"{name}_{seed}.npz"
             if not path.is_file():
-                temporary = path.with_suffix(".tmp.npz")
-                np.savez_compressed(temporary, **self.measure(planner, seed, *settings))
-                os.replace(temporary, path)
+                walked = self.measure(planner, seed, *settings)
+                robot_model.atomic_write(path, partial(np.savez_compressed, **walked))
             with np.load(path) as stored:
                 parts.append(dict(stored))
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -12,7 +12,6 @@ was). The figure shows all of them beside all the carrots that the study `baseli
 
 import json
 import math
-import os
 
 import baseline
 import common
@@ -99,9 +98,8 @@ def save(path, sim, factor, change, table):
     steps, moves, value = table
     about = {"fits": env.fingerprint(sim), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
-    temporary = path.with_suffix(".tmp.npz")
-    np.savez_compressed(temporary, about=json.dumps(about), steps=steps, moves=moves, parts=parts)
-    os.replace(temporary, path)
+    common.robot_model.atomic_write(path, lambda file: np.savez_compressed(
+        file, about=json.dumps(about), steps=steps, moves=moves, parts=parts))
 
 def table(sim, factor):
     """(steps, moves, value) for step sizes up to that factor; kept."""
