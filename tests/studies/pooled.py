@@ -13,7 +13,7 @@ import itertools
 import common
 import kept
 
-DURATION = {"pymunk": "40 minutes, estimated", "mujoco": "about 70 minutes on two cores"}
+DURATION = {"pymunk": "about 25 minutes on two cores", "mujoco": "about 70 minutes on two cores"}
 FIRST, SETS = 110, 10  # evaluation seeds, of 500 goals each
 HEAD = ("goals", "noise", "planner", "success [95 % interval]", "falls", "fall [95 % interval]",
         "time-outs", "time [s]", "still there", "÷ baseline_tuned", "÷ search")
