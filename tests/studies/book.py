@@ -190,10 +190,10 @@ def gaps():
     *_, crowd, most = common.read_json(plane)["rows"]
     costs = [common.read_json(path)["learning_ms"] for path in (cost, studies / "budget.json")]
     yield f"""Speed: learning takes {costs[0]:.3f} ms per double step on the plane, in 3-D
-        {costs[1]:.3f}; we wanted 0.07. A planar robot takes {most["kB"]:.0f} kB of memory, nearly
-        all of it inside pymunk; we wanted 400. And on one core {most["robots"]} of them are slower
-        than {crowd["robots"]}, {most["one_core"]:.0f} and {crowd["one_core"]:.0f} double steps per
-        second, as bare physics is, {most["bare"]:.0f} and {crowd["bare"]:.0f}."""
+        {costs[1]:.3f}; we wanted 0.07. A planar robot takes {crowd["kB"]:.0f} kB of memory among
+        {crowd["robots"]}, {most["kB"]:.0f} among {most["robots"]}, nearly all of it inside pymunk;
+        we wanted 400. On one core they make {crowd["one_core"]:.0f} and {most["one_core"]:.0f}
+        double steps per second; we wanted more and more."""
 
 def broken(sim):
     """The promises that three trainings do not keep, in words."""
