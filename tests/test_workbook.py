@@ -9,6 +9,7 @@ import shlex
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -18,7 +19,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "tests" / "exercises"
 workbook, sheet = import_module("workbook"), import_module("sheet")
-BOOK = workbook.BOOK
+BOOK, CORES = workbook.BOOK, import_module("01_robot_model").CORES
 NAMES = pytest.mark.parametrize("name", BOOK)
 WRONG = sorted((FOLDER / "wrong").glob("*.py"))
 FIRST = {path.stem.split("__")[0]: path for path in reversed(WRONG)}  # the first one of each
@@ -261,13 +262,19 @@ def says(path):
     return re.match(r"# (.+?) Says: (.+)\n", sheet.read(path)).groups()
 
 def graded(cases):
-    """{label: (exit code, last words)} of [label, exercise, {file: text}], in one process."""
-    done = subprocess.run([sys.executable, str(FOLDER / "referee.py")], input=json.dumps(cases),
-                          capture_output=True, text=True, encoding="utf-8", cwd=ROOT,
-                          env={**os.environ, "PYTHONIOENCODING": "utf-8"})
-    rows = [json.loads(line) for line in done.stdout.splitlines()]
-    assert len(rows) == len(cases), done.stderr[-2000:]
-    return {label: (code, last_words(said)) for label, code, said in rows}
+    """{label: (exit code, last words)} of [label, exercise, {file: text}], a process per core."""
+    def grade_some(some):
+        done = subprocess.run([sys.executable, str(FOLDER / "referee.py")], input=json.dumps(some),
+                              capture_output=True, text=True, encoding="utf-8", cwd=ROOT,
+                              env={**os.environ, "PYTHONIOENCODING": "utf-8"})
+        rows = [json.loads(line) for line in done.stdout.splitlines()]
+        assert len(rows) == len(some), done.stderr[-2000:]
+        return {label: (code, last_words(said)) for label, code, said in rows}
+
+    cores = min(CORES, len(cases))
+    with ThreadPoolExecutor(cores) as pool:
+        parts = pool.map(grade_some, [cases[k::cores] for k in range(cores)])
+        return {label: words for part in parts for label, words in part.items()}
 
 def case(path):
     """A wrong solution as a submission of one file."""
