@@ -16,7 +16,7 @@ import numpy as np
 from kept import env, evaluate, ppo
 from tqdm import tqdm
 
-DURATION = {"pymunk": "about 75 minutes on two cores", "mujoco": "about 2 hours on two cores"}
+DURATION = {"pymunk": "less than an hour on two cores", "mujoco": "about 2 hours on two cores"}
 STEPS = 100_000  # double steps of a training
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
