@@ -30,7 +30,7 @@ try:
 except ImportError:  # it is told when the study begins
     stable_baselines3, BaseCallback, SubprocVecEnv, VecEnv = None, object, object, object
 
-DURATION = {"pymunk": "about 45 minutes on two cores", "mujoco": "about 50 minutes on two cores"}
+DURATION = {"pymunk": "about half an hour on two cores", "mujoco": "about 50 minutes on two cores"}
 STEPS, PROCESSES = 100_000, 8
 GAUSSIAN = replace(ppo.PPOConfig(), sharpest=1.0)
 # Told apart without red and green, and in grey (after Okabe and Ito).
