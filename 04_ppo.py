@@ -334,7 +334,7 @@ def load_checkpoint(path, about, model, optimizer):
     try:
         model.load_state_dict(stored["model"])
         optimizer.load_state_dict(stored["optimizer"])
-        if stored["update"] != len(stored["rows"]) or not isinstance(stored["rows"], list):
+        if stored["update"] != len([row["minutes"] for row in stored["rows"]]):
             raise ValueError("its log is of another training")
         return stored["rows"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
