@@ -27,7 +27,7 @@ ORDER = ("baseline", "search", "seeds", "pooled", "imu", "kicks", "decision", "f
          "stable_baselines", "rllib", "benchmark", "decision_time")
 FIRST = ("limits", "baseline", "search", "seeds", "imu")  # what all others judge
 # They make no sense, or would say nothing new.
-ONE_SIDED = {("tasks", "mujoco"), ("rllib", "mujoco"), *((name, "pymunk") for name in (
+ONE_SIDED = {("tasks", "mujoco"), *((name, "pymunk") for name in (
     "imu", "kicks", "decision", "falls", "robustness", "noise", "ground", "second_walk"))}
 SHOWN = ("policy", "policy_imu", "baseline_tuned", "search", "baseline")
 

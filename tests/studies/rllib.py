@@ -30,7 +30,7 @@ try:
 except ImportError:  # it is told when the study begins
     ray, RLlibCallback = None, object
 
-DURATION = {"pymunk": "about 16 minutes on two cores", "mujoco": "30 minutes, estimated"}
+DURATION = {"pymunk": "about 16 minutes on two cores", "mujoco": "about 16 minutes on two cores"}
 STEPS, RUNNERS, ROBOTS = 100_000, 2, 8
 
 def one_robot(settings):
