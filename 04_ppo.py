@@ -43,6 +43,7 @@ import argparse
 import contextlib
 import os
 import time
+import warnings
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -277,7 +278,8 @@ def save_plain(path, stored):
 def load_plain(path):
     """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
     try:
-        return dict(torch.load(path, map_location="cpu", weights_only=True))
+        with warnings.catch_warnings(action="ignore"):  # of a foreign format
+            return dict(torch.load(path, map_location="cpu", weights_only=True))
     except FileNotFoundError as error:
         raise PolicyError(f"{path}: no such file") from error
     except Exception as error:  # torch raises many types, with messages of many lines
@@ -295,11 +297,10 @@ def difference(stored, wanted):
 
 def save_policy(path, model, meta):
     """Writes the model and `meta` (plain values); an older file becomes <name>.previous.pt."""
-    stored = {**meta, **model.shape, "state_dict": model.state_dict()}
     if path.exists():
         previous = path.with_name(path.stem + ".previous" + path.suffix)
         robot_model.atomic_write(previous, lambda file: file.write_bytes(path.read_bytes()))
-    save_plain(path, stored)
+    save_plain(path, {**meta, **model.shape, "state_dict": model.state_dict()})
 
 def load_policy(path):
     """(model, meta); meta["fits"] says what the policy was trained for."""

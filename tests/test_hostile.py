@@ -70,7 +70,7 @@ DAMAGE = {  # how a file of ours came to be what it is now
 
 @pytest.mark.parametrize("end", SHIPPED)
 @pytest.mark.parametrize("damage", DAMAGE)
-def test_a_damaged_file_is_refused_in_one_line(tmp_path, end, damage):
+def test_a_damaged_file_is_refused_in_one_line(tmp_path, recwarn, end, damage):
     good = (ROOT / "results" / "pymunk" / SHIPPED[end]).read_bytes()
     path = tmp_path / f"file.{end}"
     try:
@@ -82,6 +82,8 @@ def test_a_damaged_file_is_refused_in_one_line(tmp_path, end, damage):
     message = str(caught.value)
     assert "\n" not in message and str(path) in message and len(message) < 300, message
     assert not (tmp_path / "touched").exists(), "it ran what was in the file"
+    told = [str(one.message) for one in recwarn if one.category is not ResourceWarning]
+    assert not told, "warnings take lines of their own (but those about resources are not shown)"
 
 @pytest.mark.skipif(sys.platform == "win32", reason="such a file would take its room there")
 @pytest.mark.parametrize("end", ["pt", "npz"])
