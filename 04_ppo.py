@@ -41,7 +41,6 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large KL, memo
 
 import argparse
 import contextlib
-import os
 import time
 import warnings
 from dataclasses import asdict, dataclass, replace
@@ -278,7 +277,7 @@ def save_plain(path, stored):
 def load_plain(path):
     """The dict in a file of ours, without running any foreign code; PolicyError if it is none."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # of a foreign format
+        with warnings.catch_warnings(action="ignore"):  # torch's, about foreign formats
             return dict(torch.load(path, map_location="cpu", weights_only=True))
     except FileNotFoundError as error:
         raise PolicyError(f"{path}: no such file") from error
@@ -335,7 +334,8 @@ def load_checkpoint(path, about, model, optimizer):
     try:
         model.load_state_dict(stored["model"])
         optimizer.load_state_dict(stored["optimizer"])
-        if stored["update"] != len([row["minutes"] for row in stored["rows"]]):
+        minutes = [row["minutes"] for row in stored["rows"]]  # every update has a row in the log
+        if stored["update"] != len(minutes) or not isinstance(stored["rows"], list):
             raise ValueError("its log is of another training")
         return stored["rows"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
@@ -363,7 +363,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, pr
     if resume:
         rows = load_checkpoint(out / "checkpoint.pt", about, model, optimizer)
     elif (out / "checkpoint.pt").exists():  # of an older training
-        os.replace(out / "checkpoint.pt", out / "checkpoint.previous.pt")
+        (out / "checkpoint.pt").replace(out / "checkpoint.previous.pt")
     first, started = len(rows), time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
     bar = tqdm(range(first, updates), total=updates, initial=first, unit=" steps",
                unit_scale=samples, disable=not progress, dynamic_ncols=True)

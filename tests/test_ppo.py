@@ -736,7 +736,8 @@ def test_resume_refuses_other_settings(tmp_path):
 
 @pytest.mark.parametrize("key, value", [
     ("update", -5), ("update", "x"), ("update", 99), ("rows", None), ("rows", []), ("rows", [1, 2]),
-    ("rows", [{}, {}]), ("model", {}), ("model", None), ("optimizer", {}), ("optimizer", None)])
+    ("rows", [{}, {}]), ("rows", ({"minutes": 1}, {"minutes": 2})), ("model", {}),
+    ("model", None), ("optimizer", {}), ("optimizer", None)])
 def test_a_checkpoint_of_something_else_is_one_line(tmp_path, key, value):
     ppo.train(QUICK, wandering, tmp_path, 2 * 64, progress=False)
     stored = torch.load(tmp_path / "checkpoint.pt", weights_only=True)

@@ -3,9 +3,7 @@
     python tests/studies/noise.py [--mujoco] [--ship]
 
 Noise costs time long before it costs success. In 3-D both baselines run out of time more often
-without it than with the task's. All 26 and 6 of these 500 walks end on the spot, turned by 11° to
-40°, where the turns that are left are perhaps too small to happen; noise shakes the robot loose.
-Without static friction in the joints 25 and 0 run out of time (counted by hand, 2026-11-23).
+without it than with the task's. Why? Look where those walks end, and how the robot is turned.
 """
 
 import common
