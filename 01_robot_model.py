@@ -5,20 +5,47 @@ Paper: section II-a, a simulated biped with position-controlled joints. The robo
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
-64 robots stand for a second, then lean forward, slowly, each to a different angle (`--seed`); the
-smallest lean that fell is drawn (`runs/<sim>/01_robot.png`); 2 seconds. Predict it from the numbers
-below: by how much must the ankles of `stance` turn until the centre of mass passes the toes?
+64 robots stand for a second. Then each one leans forward slowly, to an angle of its own (`--seed`).
+The robot that fell at the smallest lean is drawn (`runs/<sim>/01_robot.png`); 2 seconds. Predict
+that lean: by how much must the ankles turn until the centre of mass is above the toes? In `stance`
+it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in `RobotModel`.
 
-The words. The sagittal plane divides a body into left and right: x and z lie in it. Trunk and torso
-are one part: "trunk" is where the walk wants it, "torso" where physics put it. The support foot
-stands while the swing foot travels; a sole is the rectangle under a foot. Armature: the inertia of
-a motor's fast rotor, felt through the gears. Back-EMF: a turning motor is a generator, too, and
-brakes itself; at its speed limit no torque is left. Frames: x forward, y left, z up; angles in
-radians, counter-clockwise about their axis, so a positive pitch leans forward. Joints, left leg and
-then right: hip yaw, hip roll, hip pitch, knee, ankle pitch, ankle roll. Shapes: N robots, n some of
-them (given by their indices), T control ticks.
+      seen from its right side                        seen from behind
+        z                                               z
+        |    _____                                      |
+        |   |     |   torso                        _____|_____
+        |   |  .  |   (. is its frame)            |     .     |
+        |   |__|__|                               |___________|
+        |      o       3 hip joints,           left o---+---o right
+        |      |       hip_z < 0: below             |   |hip_y
+        |      |       the frame                    |       |
+        |      |  thigh_length                      |       |
+        |      o       knee                         |       |
+        |     /   shin_length                       |       |
+        |    o         2 ankle joints               o       o
+        |  __|___      ankle_height               __|_     _|__
+        +--------- x                         y ---------+
+      heel ^    ^ toe                          foot_width, foot_outward
+      foot_back, foot_front: sole behind and ahead of the ankle axis
+      hip_y: from the middle to one hip
 
-Left out: arms and head (their mass is in the torso), gear play, sensors; only soles touch anything.
+    joint of a leg   axis   a positive angle
+    hip yaw           z     turns the toes to the left
+    hip roll          x     swings the leg to the left
+    hip pitch         y     swings the leg back
+    knee              y     bends it: swings the shin back
+    ankle pitch       y     lowers the toes
+    ankle roll        x     lifts the left edge of the sole
+
+Frames: x forward, y left, z up. Angles are in radians, counter-clockwise about their axis; so a
+positive pitch of the torso leans forward. All twelve joints: left leg, then right leg, each in the
+order of the table. The sagittal plane is the plane of x and z. Trunk and torso are the same part:
+"trunk" is its commanded pose, "torso" its simulated pose. The support foot stands while the swing
+foot moves; the sole is the rectangle under a foot. Armature is the inertia of a motor's rotor, seen
+through the gears. Back-EMF: a turning motor is a generator, too, and brakes itself; at its speed
+limit no torque is left. Shapes: N robots, n some of them (given by their indices), T control ticks.
+
+Left out: arms and head (their mass is in the torso), gear play, sensors. Only soles touch anything.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
@@ -35,13 +62,12 @@ import signal
 import sys
 import tempfile
 from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
-from dataclasses import dataclass
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 os.environ["MPLBACKEND"] = "Agg"  # figures are drawn into files, without a screen
-if __name__ == "__mp_main__":  # a process of `Workers`: Ctrl-C does not end it, a closed pipe does
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pymunk.batch
@@ -81,8 +107,8 @@ class RobotModel:
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] without load
-    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad] about z, x, y, y, y, x
-    joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)
+    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad]
+    joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
     armature: float = 0.01  # [kg m²] our choice
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's own simulator: 0.5
@@ -107,36 +133,18 @@ class RobotModel:
         """Back-EMF of the motors of a leg, shape [6] [N m s/rad]: torque limit / speed limit."""
         return np.array(self.torque_limit) / np.array(self.speed_limit)
 
-@dataclass(frozen=True)
-class Spread:
-    """How far ground and robot may be from the model in an episode; the robot is not told. All
-    zeros: the model itself. Every value is drawn uniformly, independently; sizes: our choice."""
-    friction: float = 0.3  # [-] ± on μ
-    mass: float = 0.10  # [-] ± share of every link's mass and inertia
-    stiffness: float = 0.20  # [-] ± share of every motor's position gain
-    stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
-    delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
-
-    def draw(self, rngs, robot):
-        """One Body per generator, n in all."""
-        dice = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
-        friction, mass, stiffness, stiction, delay = np.split(dice, [1, 10, 22, 34], axis=1)
-        return Body(np.maximum(0, robot.friction + self.friction * friction[:, 0]),
-                    1 + self.mass * mass, 1 + self.stiffness * stiffness,
-                    self.stiction * (1 + stiction) / 2, self.delay * (delay[:, 0] > 0))
-
 @dataclass
 class Body:
-    """What n robots drew, and do not know."""
+    """How n robots differ from the model; hidden from every planner (drawn in stage 3)."""
     friction: np.ndarray  # [n] μ of the ground
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
-    stiffness: np.ndarray  # [n, 12] factors
+    stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
     stiction: np.ndarray  # [n, 12] [N m] dry friction
-    delay: np.ndarray  # [n] [ticks] 0 or 1
+    delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
 
 @dataclass
 class Trajectory:
-    """What N robots are asked to do in T control ticks; sample 0 is where the last one ended."""
+    """The commands for N robots in T control ticks; sample 0 is where the last one ended."""
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; only the plane reads it
 
@@ -155,23 +163,27 @@ def wrap(angle):
 
 def turned(vector, yaw):
     """Vectors [..., 2] turned by yaw [...] [rad]."""
-    (x, y), cos, sin = np.moveaxis(vector, -1, 0), np.cos(yaw), np.sin(yaw)
+    x, y = np.moveaxis(vector, -1, 0)
+    cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
 def compose(base, pose):
     """The pose [..., 3] (x, y, yaw) given in the frame `base` [..., 3], seen from outside."""
     place = base[..., :2] + turned(pose[..., :2], base[..., 2])
-    return np.concatenate([place, (base[..., 2] + pose[..., 2])[..., None]], -1)
+    yaw = base[..., 2] + pose[..., 2]
+    return np.concatenate([place, yaw[..., None]], -1)
 
 def relative(base, pose):
     """The pose [..., 3] seen from the frame `base` [..., 3]; inverse of `compose`."""
     place = turned(pose[..., :2] - base[..., :2], -base[..., 2])
-    return np.concatenate([place, (pose[..., 2] - base[..., 2])[..., None]], -1)
+    yaw = pose[..., 2] - base[..., 2]
+    return np.concatenate([place, yaw[..., None]], -1)
 
 # ------------------------------------------------------------------------ leg kinematics
 def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] in, matrices [..., 3, 3] out."""
-    cr, sr, cp, sp = np.cos(roll), np.sin(roll), np.cos(pitch), np.sin(pitch)
+    cr, sr = np.cos(roll), np.sin(roll)
+    cp, sp = np.cos(pitch), np.sin(pitch)
     cy, sy = np.cos(yaw), np.sin(yaw)
     rows = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
             sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
@@ -188,8 +200,9 @@ def leg_points(robot, joints):
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)
     zero = np.zeros_like(yaw)
     hip_turn = rotation(roll, zero, yaw)  # [..., 3, 3]
-    pitches = pitch, pitch + knee, pitch + knee + ankle_pitch
-    thigh_turn, shin_turn, flat_turn = (hip_turn @ rotation(zero, p, zero) for p in pitches)
+    thigh_turn = hip_turn @ rotation(zero, pitch, zero)
+    shin_turn = hip_turn @ rotation(zero, pitch + knee, zero)
+    flat_turn = hip_turn @ rotation(zero, pitch + knee + ankle_pitch, zero)
     foot_turn = flat_turn @ rotation(ankle_roll, zero, zero)
     knee_point = -robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     ankle = knee_point - robot.shin_length * shin_turn[..., 2]
@@ -198,39 +211,53 @@ def leg_points(robot, joints):
     return np.stack([0 * ankle, knee_point, ankle, heel, toe], -2), foot_turn
 
 def leg_inverse(robot, position, foot_turn):
-    """Joint angles [..., 6] [rad] of one leg, analytically.
+    r"""Joint angles [..., 6] [rad] of one leg, analytically.
 
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
     ankle out of reach is moved along its line to the hip, no farther than it must; at last the
     angles are clipped to the joint limits.
 
-         o hip       Two sides of a triangle are the thigh and the shin, the third is r, from the
-          \\          ankle to the hip. Its length gives the knee. The leg lies in a plane;
-           o knee    only the ankle's roll can bring r into it; there the ankle's pitch makes r a
-          /          side of the triangle. What is left of the foot's rotation is the hip's.
+         o hip      Thigh, shin and the vector r from the ankle to the hip form a triangle. It lies
+          \          in the plane in which the leg bends; hip pitch, knee and ankle pitch turn about
+           o knee   the normal of this plane, so they cannot move r out of it.
+          /
          o__ ankle
+
+    1. The length of r gives the knee (law of cosines).
+    2. The ankle's roll is the only joint between foot and shin that turns about another axis. So it
+       is the angle that brings r, given in the foot's frame, into the plane of x and z.
+    3. In that plane two angles of r are known: seen from the shin (from the triangle), and seen
+       from the foot. The ankle's pitch is their difference.
+    4. What is left of the foot's rotation is that of the hip.
     """
     thigh, shin = robot.thigh_length, robot.shin_length
-    # The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p)
+    # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p)
     rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot_turn, -position), -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
-    # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee); of ±knee we take the positive.
+    # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
+    # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive.
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
     ankle_roll = np.arctan2(ry, rz)
-    # Pitch of r in the shin's frame, (−thigh·sin knee, 0, shin + thigh·cos knee), and the foot's.
+    # The pitch of a vector is its angle from z towards x. Seen from the shin,
+    # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
+    # Seen from the foot, after the roll: r = (rx, 0, √(ry² + rz²))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
-    # Without the ankle's roll the foot's rotation R is M = R·Rx(−ankle roll) = Rz(yaw)·Rx(roll)·
-    # Ry(pitch), with the sum of the three pitches: their axes are parallel, so they add up.
-    cos, sin = np.cos(ankle_roll)[..., None], np.sin(ankle_roll)[..., None]
-    m_y = cos * foot_turn[..., 1] - sin * foot_turn[..., 2]  # [..., 3] second column of M
-    m_zz = sin[..., 0] * foot_turn[..., 2, 1] + cos[..., 0] * foot_turn[..., 2, 2]
-    yaw = np.arctan2(-m_y[..., 0], m_y[..., 1])
-    roll = np.arcsin(np.clip(m_y[..., 2], -1, 1))
-    pitch = np.arctan2(-foot_turn[..., 2, 0], m_zz) - knee - ankle_pitch
+    # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
+    #     |       ·          −sin yaw·cos roll         ·       |
+    #   = |       ·           cos yaw·cos roll         ·       |
+    #     | −cos roll·sin s       sin roll       cos roll·cos s |
+    cos, sin = np.cos(ankle_roll), np.sin(ankle_roll)
+    m_xy, m_yy, m_zy = np.moveaxis(
+        cos[..., None] * foot_turn[..., 1] - sin[..., None] * foot_turn[..., 2], -1, 0)
+    m_zx = foot_turn[..., 2, 0]  # a roll leaves the first column alone
+    m_zz = sin * foot_turn[..., 2, 1] + cos * foot_turn[..., 2, 2]
+    yaw = np.arctan2(-m_xy, m_yy)
+    roll = np.arcsin(np.clip(m_zy, -1, 1))
+    pitch = np.arctan2(-m_zx, m_zz) - knee - ankle_pitch
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
@@ -242,7 +269,8 @@ def body_inverse(robot, trunk, feet, planar=False):
     # Feet seen from a level frame at the trunk that turns with it: x, y, yaw. [..., 2, 3]
     seen = relative(trunk[..., None, [0, 1, 5]], feet[..., [0, 1, 3]])
     if planar:
-        seen[..., 1], seen[..., 2] = robot.hips[:, 1], 0.0
+        seen[..., 1] = robot.hips[:, 1]
+        seen[..., 2] = 0.0
     height = feet[..., 2] + robot.ankle_height - trunk[..., None, 2]  # [..., 2] ankle above trunk
     ankle = np.stack([seen[..., 0], seen[..., 1], height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
@@ -253,8 +281,11 @@ def body_inverse(robot, trunk, feet, planar=False):
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
-def body_points(robot, torso, joints):  # [..., 6], [..., 12]
-    """Legs in the world, [..., 2, 5, 3] (hip … toe), and the feet's rotations [..., 2, 3, 3]."""
+def body_points(robot, torso, joints):
+    """Legs in the world, [..., 2, 5, 3] (hip … toe), and the feet's rotations [..., 2, 3, 3].
+
+    torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12].
+    """
     base = rotation(*np.moveaxis(torso[..., 3:], -1, 0))[..., None, :, :]  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
     points = points + robot.hips[:, None]
@@ -273,61 +304,92 @@ def fallen(torso, standing_height):
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
-def add_leg(robot, spec, leg, side):
-    """One leg, from the hip down: nested bodies, joints and motors; side: 1 left, −1 right."""
-    import mujoco
+def leg_xml(robot, leg, side):
+    """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
 
-    body, axes = spec.body("torso"), np.eye(3)[[2, 0, 1, 1, 1, 0]]  # z, x, y, y, y, x
-    for part, place, joints in (("hip", (0, side * robot.hip_y, robot.hip_z), (0, 1)),
-                                ("thigh", (0, 0, 0), (2,)),
-                                ("shin", (0, 0, -robot.thigh_length), (3,)),
-                                ("foot", (0, 0, -robot.shin_length), (4, 5))):
-        link = getattr(robot, part)
-        body = body.add_body(name=f"{leg} {part}", pos=place, mass=link.mass, inertia=link.inertia,
-                             ipos=np.array(link.com) * (1, side, 1), explicitinertial=True)
-        for k in joints:
-            name, limit = f"{leg} {JOINTS[k]}", robot.torque_limit[k]
-            body.add_joint(name=name, axis=axes[k], range=(robot.joint_min[k], robot.joint_max[k]),
-                           damping=robot.damping[k], armature=robot.armature)
-            motor = spec.add_actuator(name=name, target=name, forcerange=(-limit, limit),
-                                      trntype=mujoco.mjtTrn.mjTRN_JOINT)
-            motor.set_to_position(kp=robot.stiffness)
-    size = robot.foot_front + robot.foot_back, robot.foot_width, robot.sole_height  # of the box
-    place = (robot.foot_front - robot.foot_back) / 2, side * robot.foot_outward
-    body.add_geom(name=f"{leg} sole", type=mujoco.mjtGeom.mjGEOM_BOX, size=np.array(size) / 2,
-                  pos=(*place, size[2] / 2 - robot.ankle_height), contype=0, conaffinity=0)
+    Every body has its mass, its joints (to the body around it) and, the foot, its sole.
+    """
+    axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
+
+    def inertial(link):
+        x, y, z = link.com
+        return (f'<inertial pos="{x} {side * y} {z}" mass="{link.mass}" '
+                f'diaginertia="{numbers(link.inertia)}"/>')
+
+    def joint(k):
+        return (f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" armature="{robot.armature}" '
+                f'range="{robot.joint_min[k]} {robot.joint_max[k]}" damping="{robot.damping[k]}"/>')
+
+    length = robot.foot_front + robot.foot_back
+    size = numbers([length / 2, robot.foot_width / 2, robot.sole_height / 2])  # half of each side
+    place = numbers([(robot.foot_front - robot.foot_back) / 2, side * robot.foot_outward,
+                     robot.sole_height / 2 - robot.ankle_height])
+    return f"""
+      <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
+        {inertial(robot.hip)} {joint(0)} {joint(1)}
+        <body name="{leg} thigh">
+          {inertial(robot.thigh)} {joint(2)}
+          <body name="{leg} shin" pos="0 0 {-robot.thigh_length}">
+            {inertial(robot.shin)} {joint(3)}
+            <body name="{leg} foot" pos="0 0 {-robot.shin_length}">
+              {inertial(robot.foot)} {joint(4)} {joint(5)}
+              <geom name="{leg} sole" type="box" size="{size}" pos="{place}"/>
+            </body>
+          </body>
+        </body>
+      </body>"""
+
+def numbers(values):
+    """Values as a text, with spaces between them."""
+    return " ".join(map(str, values))
 
 def mujoco_model(robot):
     """The robot as a MuJoCo model. Each motor is a position servo with a torque-speed line:
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
-    A joint that the ground drives backward is braked harder than the limit, as by a real motor.
-    Geoms touch nothing (contype 0) except in three pairs; condim 3: a normal force and two along
-    the ground, within Coulomb's cone, alike in all directions (MuJoCo's own choice is a pyramid: μ
-    along the ground's x and y, μ/√2 between them; it is 1.3 times faster and lets feet skate).
-    The flags save a third of the time: at landing feet Newton's method needs fewer iterations when
-    it does not start from the last forces, and one robot has no islands to solve apart.
+    (<position> makes the first term, the joint's damping is the second one.) A joint that the
+    ground drives backward is braked harder than the limit, as by a real motor.
+
+    implicitfast: the damping is computed from the velocity at the END of a step. Otherwise it would
+        make the joints oscillate.
+    elliptic: friction is equal in all directions. MuJoCo's own choice, a pyramid, is 1.3 times
+        faster and lets feet skate between the axes.
+    warmstart, island: aids of the solver. It is a third faster here without them.
+    contype 0: only the three listed pairs of shapes can touch.
+    condim 3: a contact has one normal force and two friction forces.
     """
     import mujoco
 
-    spec, bit = mujoco.MjSpec(), mujoco.mjtDisableBit
-    spec.compiler.degree = False  # angles in radians
-    spec.option.timestep = robot.control_dt / robot.substeps
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.gravity = 0, 0, -robot.gravity
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.disableflags = bit.mjDSBL_WARMSTART | bit.mjDSBL_ISLAND
-    ground = mujoco.mjtGeom.mjGEOM_PLANE
-    spec.worldbody.add_geom(name="ground", type=ground, size=(0, 0, 1), contype=0, conaffinity=0)
-    torso = spec.worldbody.add_body(name="torso", mass=robot.torso.mass, ipos=robot.torso.com,
-                                    inertia=robot.torso.inertia, explicitinertial=True)
-    torso.add_freejoint()
-    add_leg(robot, spec, "left", 1)
-    add_leg(robot, spec, "right", -1)
-    soles, friction = ("left sole", "right sole"), (robot.friction, robot.friction, 0, 0, 0)
-    for one, other in (("ground", soles[0]), ("ground", soles[1]), soles):
-        spec.add_pair(geomname1=one, geomname2=other, condim=3, friction=friction)
-    return spec.compile()
+    mu = robot.friction
+    motors = pairs = ""
+    for leg in ("left", "right"):
+        pairs += (f'<pair geom1="ground" geom2="{leg} sole" condim="3" '
+                  f'friction="{mu} {mu} 0 0 0"/>')
+        for name, limit in zip(JOINTS, robot.torque_limit):
+            motors += (f'<position name="{leg} {name}" joint="{leg} {name}" '
+                       f'kp="{robot.stiffness}" forcerange="{-limit} {limit}"/>')
+    return mujoco.MjModel.from_xml_string(f"""
+    <mujoco>
+      <compiler angle="radian"/>
+      <option timestep="{robot.control_dt / robot.substeps}" gravity="0 0 {-robot.gravity}"
+              integrator="implicitfast" cone="elliptic">
+        <flag warmstart="disable" island="disable"/>
+      </option>
+      <default> <geom contype="0" conaffinity="0"/> </default>
+      <worldbody>
+        <geom name="ground" type="plane" size="0 0 1"/>
+        <body name="torso">
+          <freejoint/>
+          <inertial pos="{numbers(robot.torso.com)}" mass="{robot.torso.mass}"
+                    diaginertia="{numbers(robot.torso.inertia)}"/>
+          {leg_xml(robot, "left", 1)} {leg_xml(robot, "right", -1)}
+        </body>
+      </worldbody>
+      <actuator> {motors} </actuator>
+      <contact>
+        {pairs} <pair geom1="left sole" geom2="right sole" condim="3" friction="{mu} {mu} 0 0 0"/>
+      </contact>
+    </mujoco>""")
 
 def euler(quaternion):
     """Roll, pitch, yaw [..., 3] of unit quaternions [..., 4] (w, x, y, z)."""
@@ -340,29 +402,36 @@ def euler(quaternion):
 class MujocoSim:
     """N robots in 3-D. One call of `mujoco.rollout` runs all of them on all cores."""
     # Columns of MuJoCo's state [38]; from 20 on velocities: place, turning (own axes), joints.
-    TIME, PLACE, TURN, ANGLES, SPIN = 0, slice(1, 4), slice(4, 8), slice(8, 20), slice(23, 26)
+    TIME = 0
+    PLACE = slice(1, 4)
+    TURN = slice(4, 8)  # a quaternion
+    ANGLES = slice(8, 20)
+    SPIN = slice(23, 26)
 
     def __init__(self, num_robots, standing, robot=RobotModel(), cores=1):
         import mujoco.rollout  # only here: everything else works without MuJoCo
 
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
-        self.mujoco, self.robot, (torso, joints) = mujoco, robot, standing
+        torso, joints = standing
+        self.mujoco, self.robot = mujoco, robot
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
         self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)
         self.standing_height = torso[2]
         self.start = np.zeros(1 + self.model.nq + self.model.nv)  # [38] standing at the origin
-        self.start[self.PLACE], self.start[self.ANGLES] = torso[:3], joints
+        self.start[self.PLACE] = torso[:3]
         self.start[self.TURN] = math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0
+        self.start[self.ANGLES] = joints
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
         self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
 
     def reset(self, robots, body=None):
-        """Robots [n] stand at the origin again; body: what they drew, None: as before."""
-        self.state[robots], self.control[robots] = self.start, self.start[self.ANGLES]
+        """Robots [n] stand at the origin again; body: their Body, None: as before."""
+        self.state[robots] = self.start
+        self.control[robots] = self.start[self.ANGLES]
         if body is not None:
             self.delay[robots] = body.delay
             for row, i in enumerate(robots):
@@ -375,15 +444,17 @@ class MujocoSim:
         model.body_mass[:] *= mass
         model.body_inertia[:] *= mass[:, None]
         model.pair_friction[:, :2] = body.friction[row]
+        # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
         model.actuator_gainprm[:, 0] *= body.stiffness[row]
         model.actuator_biasprm[:, 1] *= body.stiffness[row]
         model.dof_frictionloss[6:] = body.stiction[row]
-        self.mujoco.mj_setConst(model, self.data[0])  # whatever MuJoCo derives from the masses
+        self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
         return model
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        robot, start, targets = self.robot, self.state[robots], trajectory.joints
+        robot, targets = self.robot, trajectory.joints
+        start = self.state[robots]
         # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
         # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
@@ -393,7 +464,7 @@ class MujocoSim:
         control = np.where(self.delay[robots, None, None], late, control)
         control = np.repeat(control, robot.substeps, axis=1)
         states, _ = self.pool.rollout([self.models[i] for i in robots], self.data, start, control)
-        # MuJoCo restarts a diverged robot at time 0: a healthy-looking teleport. It is a fall.
+        # MuJoCo puts a diverged robot back to its start, at time 0. We count this as a fall.
         passed = states[:, -1, self.TIME] - start[:, self.TIME]  # [n] [s]
         lost = ~np.isfinite(states).all((1, 2)) | (passed < rate.shape[1] * robot.control_dt - 1e-6)
         states[lost] = start[lost, None]
@@ -404,6 +475,7 @@ class MujocoSim:
         return Motion(torso, seen[..., self.ANGLES], seen[:, -1, self.SPIN], fell)
 
     def close(self):
+        """Ends its threads."""
         self.pool.close()
 
 # ------------------------------------------------------------------------ pymunk, planar
@@ -414,17 +486,30 @@ def planar_links(robot):
     centre = sum(link.mass * (link.com[2] + z) for link, z in parts) / mass
     # Parallel axes: I = Σ (Iᵢ + mᵢ·zᵢ²)
     pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
-    torso, leg = Link(mass, (0, 0, centre), (0, pitch, 0)), (robot.thigh, robot.shin, robot.foot)
+    torso = Link(mass, (0, 0, centre), (0, pitch, 0))
+    leg = (robot.thigh, robot.shin, robot.foot)
     return torso, *leg, *leg
 
 class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
 
-    pymunk's y is our z, and its angles turn x towards y: a body's pitch is minus its angle. Yaw ψ
-    is a degree of freedom of its own: every tick the lag e grows by the commanded minus the true
-    turn, and the hip pushes the torso after it, as hard as its motor and the friction under a sole
-    bear (`_run_yaw`). Beyond that the sole slips, and that part of the command is lost. Sideways
-    follows the command and cannot fall.
+    pymunk's y is our z, and its angles turn x towards y, against our pitch:
+
+        pymunk's angle of a body   = −pitch
+        joint angle q              = pitch − parent's pitch = parent's angle − angle
+        pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
+        pymunk's rate of a motor   = parent's rate − rate   = +q̇
+
+    Yaw ψ is a degree of freedom of its own: a spring with a slipping clutch (`_run_yaw`). The
+    spring is the hip's yaw motor. It is twisted by the lag e, the commanded minus the true yaw; its
+    rate ė is the commanded minus the true yaw rate. The clutch is the sole on the ground: it slips
+    where the torque τ would exceed what friction can bear. If e reaches bound / k, it stays there.
+        I·ψ̈ = τ = clip(k·e + c·ė, ±bound)      I, k, c: yaw_inertia, yaw_stiffness, yaw_damping
+    Sideways follows the command and cannot fall.
+
+    Two simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
+    falls linearly to zero there), and a rotor adds to the inertia of the link below its joint as
+    if it turned with that link (in MuJoCo only to the inertia about the joint).
     """
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
     ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
@@ -432,26 +517,31 @@ class PymunkSim:
 
     def __init__(self, num_robots, standing, robot=RobotModel()):
         self.robot, self.links = robot, planar_links(robot)
-        self.standing, self.standing_height = standing, standing[0][2]
-        middles = (np.arange(50) + 0.5) / 50 - 0.5  # r: mean distance from the sole's centre
-        x, y = (robot.foot_front + robot.foot_back) * middles, robot.foot_width * middles
+        self.standing = standing
+        # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
+        # bear the torque r·μ·F.
+        middles = (np.arange(50) + 0.5) / 50 - 0.5
+        x = (robot.foot_front + robot.foot_back) * middles
+        y = robot.foot_width * middles
         self.sole_radius = np.hypot(x[:, None], y).mean()  # r [m]
-        self.spaces, self.motors = [None] * num_robots, [None] * num_robots
+        self.spaces = [None] * num_robots
+        self.motors = [None] * num_robots
+        self.buffer = pymunk.batch.Buffer()
         self.bodies = np.zeros((num_robots, 7, 6))
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
-        self.yaw_rate, self.yaw_lag = np.zeros((2, num_robots))  # ψ̇ [rad/s], e [rad]
+        self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
+        self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
-        self.buffer = pymunk.batch.Buffer()
-        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
         self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
         self.friction = np.full(num_robots, robot.friction)
         self.gain = np.full((num_robots, 6), robot.planar_gain)  # [1/s]
         self.stiction = np.zeros((num_robots, 6))  # [N m]
+        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
-        """Robots [n] stand at the origin again; body: what they drew, None: as before."""
+        """Robots [n] stand at the origin again; body: their Body, None: as before."""
         if body is not None:
             self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
             self.friction[robots], self.delay[robots] = body.friction, body.delay
@@ -460,57 +550,67 @@ class PymunkSim:
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
             self.spaces[i], self.motors[i] = self._build(i)
         self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
-        self.pose[robots], self.yaw_rate[robots], self.yaw_lag[robots] = 0, 0, 0
-        self.lost[robots], self.bodies[robots] = False, self._read(robots)
+        self.pose[robots] = 0
+        self.yaw_rate[robots] = 0
+        self.yaw_lag[robots] = 0
+        self.lost[robots] = False
+        self.bodies[robots] = self._read(robots)
 
     def _build(self, i):
         """A space with ground and standing robot i, and the robot's six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
-        space.gravity, space.iterations = (0, -robot.gravity), robot.planar_iterations
+        space.gravity = (0, -robot.gravity)
+        space.iterations = robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         ground = pymunk.Segment(pymunk.Body(0, 0, pymunk.Body.KINEMATIC), (-1e4, -1), (1e4, -1), 1)
         ground.friction = self.friction[i]  # pymunk MULTIPLIES both shapes' values; the other is 1
+        # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         space.add(ground.body, ground)  # it never moves, and takes 66 kB less than a static body
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
         points = [tuple(torso[[0, 2]]), *map(tuple, legs)]  # [7, 2] upper joint of each body
         pitches = torso[4] + np.array([0, *joints[2:5].cumsum(), *joints[8:11].cumsum()])
         bodies, motors = [], []
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
-            # The rotor turns with the link below it. It also keeps the solver calm: without it the
-            # light shin between heavy neighbours makes a standing robot sway by centimetres.
-            mass, rotor = self.masses[i, k], robot.armature if k else 0.0
+            # The rotor turns with the link below it. Its inertia also stabilises the solver:
+            # without it the light shin makes a standing robot sway by centimetres.
+            mass = self.masses[i, k]
+            rotor = robot.armature if k else 0.0
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass + rotor)
             x, _, z = link.com
+            # First the joint's place. Then the body moves, so that (x, z) is its centre of mass.
             body.angle, body.position = -pitch, point
             body.position = body.local_to_world((x, z))  # pymunk counts from the centre of mass
             space.add(body)
+            bodies.append(body)
             if link is robot.foot:
                 back, front, low = -robot.foot_back, robot.foot_front, -robot.ankle_height
                 high = low + robot.sole_height
                 corners = [(back, low), (front, low), (front, high), (back, high)]
                 shape = pymunk.Poly(body, [(u - x, w - z) for u, w in corners])
-                shape.friction, shape.filter = 1.0, pymunk.ShapeFilter(group=1)  # not one another
+                shape.friction = 1.0
+                shape.filter = pymunk.ShapeFilter(group=1)  # the feet do not touch one another
                 space.add(shape)
-            if k:  # a joint angle is q = pitch − parent's pitch = parent's angle − angle [pymunk's]
+            if k:
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
-                # A speed with a largest torque, less dry friction (which in MuJoCo helps to hold).
-                motors.append(pymunk.SimpleMotor(parent, body, 0.0))  # its rate is q̇, too
-                motors[-1].max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
-                limits = -robot.joint_max[index], -robot.joint_min[index]  # its angle is −q
-                space.add(motors[-1], pymunk.PivotJoint(parent, body, point),
+                motor = pymunk.SimpleMotor(parent, body, 0.0)
+                # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
+                motor.max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
+                limits = -robot.joint_max[index], -robot.joint_min[index]
+                space.add(motor, pymunk.PivotJoint(parent, body, point),
                           pymunk.RotaryLimitJoint(parent, body, *limits))
-            bodies.append(body)
+                motors.append(motor)
         return space, motors
 
     def _read(self, robots):
         """States [n, 7, 6] of the bodies of these robots; all spaces in one buffer, for speed."""
-        batch, buffer, fields = pymunk.batch, self.buffer, pymunk.batch.BodyFields
-        buffer.clear()  # one for ever: pymunk 7.3 never frees a Buffer
+        batch, fields = pymunk.batch, pymunk.batch.BodyFields
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
+        self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
         for i in robots:
-            batch.get_space_bodies(self.spaces[i], wanted, buffer)
-        return np.frombuffer(buffer.float_buf()).reshape(-1, 8, 6)[:, 1:].copy()  # first: ground
+            batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
+        states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)
+        return states[:, 1:].copy()  # the first body is the ground
 
     def _angles(self, bodies):
         """Sagittal joint angles [..., 6] of bodies [..., 7, 6]: pitch of a link − its parent's."""
@@ -519,25 +619,24 @@ class PymunkSim:
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        robots, pose = np.asarray(robots, int), self.pose[robots]
-        targets, some = trajectory.joints[..., SAGITTAL], range(0, len(robots) or 1, 16)
-        seen = np.concatenate([self._run_plane(targets[i : i + 16], robots[i : i + 16])
-                               for i in some])  # [n, T + 1, 7, 6]; 16 spaces fit into a cache
+        robots = np.asarray(robots, int)
+        seen = self._run_plane(trajectory.joints[..., SAGITTAL], robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self._run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
         # The torso frame is below the centre of its body: (x, z) −= down·(−sin angle, cos angle)
         x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
         down = self.links[0].com[2]  # [m]
-        x, z = x + down * np.sin(angle), z - down * np.cos(angle)
+        x = x + down * np.sin(angle)
+        z = z - down * np.cos(angle)
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
-        torso = np.zeros((*wanted.shape[:2], 6))
-        torso[..., :2] = pose[:, None, :2] + np.cumsum(turned(moved, yaw[:, :-1]), 1)
-        torso[..., 2], torso[..., 4], torso[..., 5] = z[:, 1:], -angle[:, 1:], yaw[:, 1:]
+        place = self.pose[robots, None, :2] + np.cumsum(turned(moved, yaw[:, :-1]), 1)
+        others = np.stack([z, 0 * z, -angle, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
+        torso = np.concatenate([place, others], -1)  # [n, T, 6]
         self.pose[robots] = torso[:, -1, [0, 1, 5]]
         joints = trajectory.joints[:, 1:].copy()
         joints[..., SAGITTAL] = self._angles(seen[:, 1:])
-        fell = fallen(torso, self.standing_height).any(1) | self.lost[robots]
+        fell = fallen(torso, self.standing[0][2]).any(1) | self.lost[robots]
         # Seen from a torso with pitch θ and yaw ψ: spin = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
         pitch, yaw_rate = torso[:, -1, 4], self.yaw_rate[robots]
         spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
@@ -545,9 +644,9 @@ class PymunkSim:
 
     def _run_plane(self, targets, robots):
         """Bodies [n, T + 1, 7, 6], before and after every tick; joint targets [n, T + 1, 6]."""
-        set_rate = pymunk.SimpleMotor.rate.fset  # `motor.rate = …` at half its price
-        robot, limit = self.robot, np.tile(self.robot.speed_limit[2:5], 2)
-        dt, numbers = robot.control_dt / robot.substeps, robots.tolist()
+        robot = self.robot
+        limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
+        dt = robot.control_dt / robot.substeps  # [s]
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
         wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
         late = np.concatenate([self.last[robots][:, None], wanted[:, :-1]], 1)  # by a tick
@@ -556,12 +655,13 @@ class PymunkSim:
         seen = np.empty((*targets.shape[:2], 7, 6))
         seen[:, 0] = self.bodies[robots]
         for t in range(rates.shape[1]):
-            # A motor that only followed the error would lag behind a moving target: add its rate.
+            # A motor that only followed the error would lag behind a moving target: add the
+            # target's rate. So a joint arrives at the end of the tick where the target is then.
             error = wanted[:, t, 0] - self._angles(seen[:, t])
             speeds = np.clip(wanted[:, t, 1] + self.gain[robots] * error, -limit, limit)
-            for i, row in zip(numbers, speeds.tolist()):
+            for i, row in zip(robots.tolist(), speeds.tolist()):
                 for motor, speed in zip(self.motors[i], row):
-                    set_rate(motor, speed)
+                    motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
                     self.spaces[i].step(dt)
             seen[:, t + 1] = self._read(robots)
@@ -572,7 +672,7 @@ class PymunkSim:
         return seen
 
     def _run_yaw(self, seen, turn, robots):
-        """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and turns asked for [n, T] [rad]."""
+        """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and commanded turns [n, T] [rad]."""
         robot, dt = self.robot, self.robot.control_dt
         k, c = robot.yaw_stiffness, robot.yaw_damping
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
@@ -582,7 +682,7 @@ class PymunkSim:
         grip = (self.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
-        rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n]
+        rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n] ψ̇, e
         for t in range(turn.shape[1]):
             bound = bounds[:, t]
             # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
@@ -591,84 +691,140 @@ class PymunkSim:
             yaw[:, t + 1] = yaw[:, t] + rate * dt
             # |e| ≤ bound / k: what would make it larger turns the sole on the ground
             lag = np.clip(lag + turn[:, t] - rate * dt, -bound / k, bound / k)
-        self.yaw_rate[robots], self.yaw_lag[robots] = rate, lag
+        self.yaw_rate[robots] = rate
+        self.yaw_lag[robots] = lag
         return yaw
 
     def close(self):
-        """Nothing to end."""
-
-# ------------------------------------------------------------------------ several processes
-def serve(pipe, *settings):
-    """A process of its own: runs the methods of its PymunkSim until the pipe closes."""
-    sim = PymunkSim(*settings)
-    with contextlib.suppress(EOFError, ConnectionError):
-        while True:
-            method, robots, part = pipe.recv()
-            pipe.send(sim.run(part, robots) if method == "run" else sim.reset(robots, part))
-
-class Workers:
-    """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
-    def __init__(self, num_robots, standing, robot, cores):
-        context = multiprocessing.get_context("spawn")  # the same on every system
-        self.pipes, self.processes = [], []
-        # A process imports `__main__`: let it be this file, not a later stage and PyTorch.
-        started, sys.modules["__main__"] = sys.modules["__main__"], sys.modules[serve.__module__]
-        for w in range(cores):
-            pipe, end = context.Pipe()
-            settings = end, len(range(w, num_robots, cores)), standing, robot
-            self.processes.append(context.Process(target=serve, args=settings, daemon=True))
-            self.processes[-1].start()
-            end.close()
-            self.pipes.append(pipe)
-        sys.modules["__main__"] = started
-
-    def _ask(self, method, robots, part):
-        """Sends each process its share of the robots [n]; their rows in it, and all answers."""
-        robots, count = np.asarray(robots, int), len(self.pipes)
-        rows = [np.flatnonzero(robots % count == w) for w in range(count)]
-        try:
-            for own, pipe in zip(rows, self.pipes):
-                share = part and type(part)(*(v[own] for v in vars(part).values()))
-                pipe.send((method, robots[own] // count, share))
-            return rows, [pipe.recv() for pipe in self.pipes]
-        except (EOFError, ConnectionError) as error:
-            raise OSError("a process of the simulator ended; start again (04: --resume)") from error
-
-    def reset(self, robots, body=None):
-        self._ask("reset", robots, body)
-
-    def run(self, trajectory, robots):
-        rows, motions = self._ask("run", robots, trajectory)
-        order = np.argsort(np.concatenate(rows))  # back into the order of `robots`
-        fields = zip(*(vars(motion).values() for motion in motions))
-        return Motion(*(np.concatenate(parts)[order] for parts in fields))
-
-    def close(self):
-        for pipe, process in zip(self.pipes, self.processes):
-            pipe.close()
-            process.join(timeout=5)  # it reads the end of the pipe,
-            process.terminate()  # unless a process forked since then holds the pipe open
+        """It has no threads or processes to stop."""
 
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     """N robots in "pymunk" or "mujoco", standing as `stance` says, also after every reset."""
     cores = min(cores or CORES, num_robots)
     if sim == "mujoco":
         return MujocoSim(num_robots, standing, robot, cores)
-    if cores == 1:  # no process is worth starting
+    if cores == 1:  # it needs no further process
         return PymunkSim(num_robots, standing, robot)
     return Workers(num_robots, standing, robot, cores)
 
-# ------------------------------------------------------------------------ command line
-def whole(text, least=0, most=2**63 - 2):
+# ------------------------------------------------------------------------ demonstration
+def draw_robot(axis, robot, torso, joints, alpha=1.0):
+    """The robot from the side: torso [6] and joints [12] as measured."""
+    points, _ = body_points(robot, torso, joints)  # [2, 5, 3]
+    up = rotation(*torso[3:]) @ np.array([0, 0, 0.3])  # [m] as long as the real torso
+    back = np.array([points[:, 0].mean(0), torso[:3] + up])  # from between the hips
+    axis.plot(back[:, 0], back[:, 2], color="0.75", lw=14, alpha=alpha, solid_capstyle="butt")
+    for leg in (RIGHT, LEFT):  # hip, knee, ankle, heel, toe, ankle; the right leg shows as a rim
+        x, _, z = points[leg, [0, 1, 2, 3, 4, 2]].T
+        axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=2 + 3 * leg, solid_joinstyle="round")
+
+def main():
+    parser = StageParser(__doc__)
+    args = parser.parse()
+    out = parser.folder(args)
+    robot, count = RobotModel(), 64
+    standing = stance(robot, planar=args.sim == "pymunk")
+    sim = make_sim(args.sim, count, standing, robot)
+    leans = np.random.default_rng(args.seed).uniform(0.1, 0.5, count)  # [rad]
+    seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
+    joints = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
+    # The feet stand, so a negative ankle pitch tilts all the rest forward.
+    for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
+        joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
+    trunk = np.zeros((count, len(seconds), 6))
+    motion = sim.run(Trajectory(joints, trunk), np.arange(count))
+    sim.close()
+    i = np.argmin(np.where(motion.fell, leans, np.inf))  # the smallest lean that fell
+    print(f"{motion.fell.sum()} of {count} fell; the smallest lean that did: {leans[i]:.2f} rad")
+    down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # the tick when the fall counts
+    figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
+    for k, tick in enumerate(np.linspace(down - 100, down, 8).astype(int)):
+        draw_robot(axis, robot, motion.torso[i, tick], motion.joints[i, tick], (k + 1) / 8)
+    axis.axhline(0, color="0.5", lw=1)
+    axis.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.05, 0.8),
+             title=f"The last second before a fall, leaning by {leans[i]:.2f} rad at the ankles\n"
+             "(left leg blue, right leg orange, eight moments)")
+    save_figure(figure, out / "01_robot.png")
+    print("Look at", out / "01_robot.png")
+
+# ------------------------------------------------------------------------ several processes
+# From here on: processes, the command line and files. A first reading may skip this.
+def begin(*settings):
+    """First call in a process of `Workers`: its robots, kept under a global name."""
+    global planar_sim
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
+    planar_sim = PymunkSim(*settings)
+
+def call(method, part, robots):
+    """In a process of `Workers`: run(trajectory, robots) or reset(robots, body)."""
+    if method == "run":
+        return planar_sim.run(part, robots)
+    planar_sim.reset(robots, part)
+
+class Workers:
+    """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
+    def __init__(self, num_robots, standing, robot, cores):
+        context = multiprocessing.get_context("spawn")  # the same on every system
+        self.pools = []
+        with starting_processes():
+            for w in range(cores):
+                settings = len(range(w, num_robots, cores)), standing, robot
+                self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
+                self.pools[w].submit(call, "reset", None, [])  # the first call starts the process
+
+    def _ask(self, method, part, robots):
+        """Sends each process its share of the robots [n]; their rows in it, and all answers."""
+        robots, count = np.asarray(robots, int), len(self.pools)
+        rows = [np.flatnonzero(robots % count == w) for w in range(count)]
+        answers = []
+        for own, pool in zip(rows, self.pools):
+            # None stays None; else every array is cut to the robots of this process.
+            share = part and replace(part, **{k: v[own] for k, v in vars(part).items()})
+            answers.append(pool.submit(call, method, share, robots[own] // count))
+        return rows, [answer.result() for answer in answers]
+
+    def reset(self, robots, body=None):
+        """See `PymunkSim.reset`."""
+        self._ask("reset", body, robots)
+
+    def run(self, trajectory, robots):
+        """See `PymunkSim.run`."""
+        rows, motions = self._ask("run", trajectory, robots)
+        order = np.argsort(np.concatenate(rows))  # back into the order of `robots`
+        fields = zip(*(vars(motion).values() for motion in motions))
+        return Motion(*(np.concatenate(parts)[order] for parts in fields))
+
+    def close(self):
+        """Ends its processes."""
+        for pool in self.pools:
+            pool.shutdown()
+
+@contextlib.contextmanager
+def starting_processes():
+    """Processes that start meanwhile ignore Ctrl-C and import this file, no later stage: a new
+    process imports `__main__`, which may need a second for PyTorch.
+    """
+    main, handler = sys.modules["__main__"], signal.getsignal(signal.SIGINT)
+    sys.modules["__main__"] = sys.modules[begin.__module__]
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+        signal.signal(signal.SIGINT, handler)
+
+# ------------------------------------------------------------------------ command line and files
+def whole(text):
     """A whole number of the command line."""
-    if not text.isdecimal() or len(text) > 19 or not least <= int(text) <= most:
-        raise ArgumentTypeError(f"{text[:30]} is not a whole number from {least} to {most}")
-    return int(text)
+    number = int(text)
+    if not 0 <= number < 2**32:
+        raise ArgumentTypeError(f"{text} is not from 0 to {2**32 - 1}")
+    return number
 
 class StageParser(ArgumentParser):
     """The flags of every stage; a wrong value gets one clear line and exit code 2."""
-    def __init__(self, doc, prog=None):
-        super().__init__(prog, description=doc, formatter_class=RawDescriptionHelpFormatter)
+    def __init__(self, doc):
+        super().__init__(description=doc, formatter_class=RawDescriptionHelpFormatter)
         self.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
                           default="pymunk", help="3-D instead of the sagittal plane")
         self.add_argument("--seed", type=whole, default=0, help="same seed, same numbers")
@@ -681,7 +837,7 @@ class StageParser(ArgumentParser):
         """The arguments; `sim` is "pymunk" or "mujoco"."""
         for stream in (sys.stdout, sys.stderr):
             if hasattr(stream, "reconfigure"):  # a notebook's has not
-                stream.reconfigure(errors="replace")  # Windows pipes may not know α or ±
+                stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
         args = self.parse_args(argv)
         os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
         if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
@@ -690,7 +846,7 @@ class StageParser(ArgumentParser):
 
     def folder(self, args, default=None):
         """The folder to write to, made and known to be writable."""
-        out = args.out or default or Path("runs") / args.sim
+        out = args.out or default or Path("runs", args.sim)
         try:
             out.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=out):
@@ -707,54 +863,18 @@ def atomic_write(path, write):
     finally:
         temporary.unlink(missing_ok=True)
 
+def save_figure(figure, path, dpi=110):
+    """Writes the figure, and frees its memory."""
+    atomic_write(path, lambda file: figure.savefig(file, dpi=dpi))
+    plt.close(figure)
+
 def run(main):
-    """Calls a stage's main(); Ctrl-C, a full disk or a lost process is one line, no traceback."""
-    sys.stderr = sys.stderr or open(os.devnull, "w")  # it was closed
+    """Calls a stage's main(); Ctrl-C or a lost process is one line, no traceback."""
     try:
         main()
-        print(end="", flush=True)
-    except (OSError, KeyboardInterrupt) as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what is left to print may have no reader
-        print(f"{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
-        sys.exit(2 if isinstance(error, OSError) else 130)
-
-# ------------------------------------------------------------------------ demonstration
-def draw_robot(axis, robot, torso, joints, alpha=1.0):
-    """The robot from the side: torso [6] and joints [12] as measured."""
-    points, _ = body_points(robot, torso, joints)  # [2, 5, 3]
-    up = rotation(*torso[3:]) @ np.array([0, 0, 0.3])  # [m] as long as the real torso
-    back = np.array([points[:, 0].mean(0), torso[:3] + up])  # from between the hips
-    axis.plot(back[:, 0], back[:, 2], color="0.75", lw=14, alpha=alpha, solid_capstyle="butt")
-    for leg in (RIGHT, LEFT):  # hip, knee, ankle, heel, toe, ankle; the right leg shows as a rim
-        x, _, z = points[leg, [0, 1, 2, 3, 4, 2]].T
-        axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=2 + 3 * leg, solid_joinstyle="round")
-
-def main():
-    parser = StageParser(__doc__)
-    args = parser.parse()
-    out, robot, count = parser.folder(args), RobotModel(), 64
-    standing = stance(robot, planar=args.sim == "pymunk")
-    sim = make_sim(args.sim, count, standing, robot)
-    leans = np.random.default_rng(args.seed).uniform(0.1, 0.5, count)  # [rad]
-    seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
-    joints = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
-    for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
-        joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
-    motion = sim.run(Trajectory(joints, np.zeros((count, len(seconds), 6))), np.arange(count))
-    sim.close()
-    i = np.argmin(np.where(motion.fell, leans, np.inf))  # the smallest lean that fell
-    print(f"{motion.fell.sum()} of {count} fell; the smallest lean that did: {leans[i]:.2f} rad")
-
-    figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # the tick when the fall counts
-    for k, tick in enumerate(np.linspace(down - 100, down, 8).astype(int)):
-        draw_robot(axis, robot, motion.torso[i, tick], motion.joints[i, tick], (k + 1) / 8)
-    axis.axhline(0, color="0.5", lw=1)
-    axis.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.05, 0.8),
-             title=f"The last second before a fall, leaning by {leans[i]:.2f} rad at the ankles\n"
-             "(left leg blue, right leg orange, eight moments)")
-    atomic_write(out / "01_robot.png", lambda file: figure.savefig(file, dpi=110))
-    print("Look at", out / "01_robot.png")
+    except (KeyboardInterrupt, BrokenProcessPool) as error:
+        print(f"\n{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
+        sys.exit(2)
 
 if __name__ == "__main__":
     run(main)

@@ -1,28 +1,48 @@
 """Stage 2: how do two footsteps become a walk?
 
 Paper: the walk engine of [5]: quintic splines for the swing foot and the trunk, analytic inverse
-kinematics, open loop within a double step; parameters found by optimisation.
+kinematics, open loop (without feedback) within a double step; parameters found by optimisation.
 
-    python 02_walk_engine.py             one plan, how well it walks, and four walks; 9 seconds
-    python 02_walk_engine.py --tune      optimise the parameters (cross-entropy method); 12 minutes
+    python 02_walk_engine.py      one plan, and four walks; 4 seconds (`--mujoco` in 3-D)
 
-(both with `--mujoco` in 3-D). The first prints how fast and how well it walks on drawn ground with
-drawn bodies, and what four walks do; it draws `runs/<sim>/02_*.png`. The second prints a line for
-TUNED. Expect: it walks nearly as far as commanded. Predict: with `--mujoco`, what does the trunk do
-sideways in a straight walk, and why? (On the plane it need not do anything.)
+Prints how far four walks of eight double steps were commanded and how far the robot walked; draws
+`runs/<sim>/02_plan.png` and `02_walk.png`. The robot should walk nearly as far as commanded. How
+fast and how well it can walk, on other grounds and with other bodies, is measured (and tuned) by
+`python tests/studies/walk.py`.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
-where a swing foot lands, seen from the other foot and from its usual place beside it; y and yaw are
-mirrored for the right foot, so that outward is positive for both. All zeros steps on the spot;
+where the swing foot lands: in a frame that turns with the other foot and whose origin is the swing
+foot's usual place, foot_distance beside the other foot. For the right foot y and yaw are
+mirrored, so that outward is positive for both. All zeros steps on the spot;
 (0.08, 0, 0) for both feet moves it on by 0.16 m (at first less): each lands 0.08 m ahead;
 (0, 0.06, 0) for the left and zeros for the right foot move it 0.06 m to the left.
 
-Left out: stairs, and stabilising within a step: the engine is blind while it walks.
+Predict: in 3-D the trunk sways from side to side in a straight walk. How far, as a share of the way
+from the middle between the feet to the support foot? Model the robot as an inverted pendulum: all
+its mass m at a constant height h, on a massless leg that stands on the foot at distance p from the
+middle. y is the distance of the mass from the foot. The leg pushes along itself: its force has the
+vertical part m·g, and so the horizontal part m·g·y/h. Hence
+
+    ÿ = g/h·y   and   y(t) = y₀·cosh(√(g/h)·t)
+
+with t = 0 in mid-step, where the mass is nearest to the foot, at y₀, and turns back. A single step
+lasts P/2, where P is the period of the double step. So at t = ±P/4 the mass must be in the middle,
+where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has swayed by
+
+    p − y₀ = p·(1 − 1/cosh(√(g/h)·P/4))
+
+towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
+P = 0.62 s, and compare the share of p with `trunk_swing` below. (On the plane the trunk need not
+sway: the planar robot cannot fall sideways.)
+
+Left out: stairs; stabilising within a step (the engine is open loop within a double step). Two
+simplifications: a single step lasts a whole number of control ticks, so 1.6014 and 1.6129 Hz are
+the same walk; and the trunk's roll is a sine that begins with its full rate when a walk starts.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -35,27 +55,21 @@ LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
 @dataclass(frozen=True)
 class WalkParameters:
     """Named after those of [5]. The values here are a first guess; those in use: TUNED."""
-    frequency: float = 1.6  # [Hz] double steps per second; 1 / (2·frequency) in whole ticks
+    frequency: float = 1.6  # [Hz] double steps per second; a single step is rounded to whole ticks
     double_support: float = 0.1  # [-] share of a single step with both feet on the ground
     foot_distance: float = 0.18  # [m] between the ankles when standing
     foot_rise: float = 0.05  # [m] apex of the swing foot
     trunk_height: float = 0.395  # [m] torso frame above the soles
-    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; above −0.5, below 0.5
+    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; from −0.5 to 0.5
     trunk_pitch: float = 0.1  # [rad] forward lean
-    trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot it takes
+    trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot
     trunk_x_offset: float = 0.0  # [m] trunk ahead of the middle of the feet
-    pitch_per_step: float = 0.0  # [rad/m] lean added per forward step length
+    pitch_per_step: float = 0.0  # [rad/m] lean added per metre ahead in a single step
     pitch_per_turn: float = 0.0  # [rad/rad] lean added per turn in a single step, to either side
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
 
-@dataclass(frozen=True)
-class StepLimits:
-    """The smallest and the largest footstep that a planner may ask for; see `within`."""
-    low: tuple  # x [m], y [m], yaw [rad], outward positive
-    high: tuple
-    load: float = 1.5  # [-] largest sum of the shares of x, y and yaw; 3 would allow everything
-
-TUNED = {  # by `--tune`; in 3-D twice, and with an earlier version of it; 2026-11-21
+# Found by `tests/studies/walk.py --tune`, 2026-11-21 (in 3-D by two runs of an earlier version).
+TUNED = {
     "pymunk": WalkParameters(
         frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
         trunk_phase=0.0353, trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024,
@@ -65,24 +79,7 @@ TUNED = {  # by `--tune`; in 3-D twice, and with an earlier version of it; 2026-
         trunk_height=0.3802, trunk_phase=-0.0469, trunk_pitch=0.0695, trunk_swing=0.2186,
         trunk_x_offset=0.013, pitch_per_step=-0.2545, pitch_per_turn=0.0214, trunk_roll=0.0541),
 }
-# Our choice, on the maps of `python tests/studies/limits.py`. Planar sideways steps cannot fall, so
-# their limit is the 3-D robot's. Feet within these limits do not touch one another.
-LIMITS = {
-    "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.10, 0.60)),
-    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
-}
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
-
-def within(footsteps, limits):
-    """Footsteps [..., 2, 3] made smaller where x, y and yaw together ask for too much.
-
-    Each uses a share of its limit, 0 to 1; together at most `load`. So a footstep may use all of
-    one limit and half of another, but not all of all three.
-    """
-    # s = |x| / x_max + |y| / y_max + |yaw| / yaw_max;   footstep ← footstep · min(1, load / s)
-    largest = np.where(footsteps >= 0, limits.high, np.negative(limits.low))
-    share = (np.abs(footsteps) / largest).sum(-1, keepdims=True)
-    return footsteps / np.maximum(1, share / limits.load)
 
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
@@ -93,7 +90,7 @@ def quintic(start, end, duration):
     p0, v0, a0 = np.moveaxis(np.asarray(start, float), -1, 0)
     p1, v1, a1 = np.moveaxis(np.asarray(end, float), -1, 0)
     D = duration
-    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. What they leave open at t = D:
+    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. At t = D the others must supply what is missing:
     p = p1 - p0 - v0 * D - a0 * D**2 / 2
     v = v1 - v0 - a0 * D
     a = a1 - a0
@@ -110,13 +107,16 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ the engine
 class WalkEngine:
-    """Plans double steps of N robots. Remembers where each robot's feet and trunk should be.
+    """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
     All poses live in one fixed frame: the middle between the feet, where they stood after a reset.
     """
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
-        self.parameters, self.robot, self.planar, p = parameters, robot, planar, parameters
-        self.half_ticks = max(2, round(0.5 / parameters.frequency / robot.control_dt))
+        p = parameters
+        self.parameters = parameters
+        self.robot = robot
+        self.planar = planar
+        self.half_ticks = max(2, round(0.5 / p.frequency / robot.control_dt))
         self.half = self.half_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.half  # [s] a double step
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
@@ -129,8 +129,10 @@ class WalkEngine:
     def reset(self, robots):
         """These robots [n] stand still."""
         p = self.parameters
-        self.feet[robots], self.trunk[robots] = 0, 0
-        self.feet[robots, :, 1] = p.foot_distance / 2, -p.foot_distance / 2
+        self.feet[robots] = 0
+        self.feet[robots, LEFT, 1] = p.foot_distance / 2
+        self.feet[robots, RIGHT, 1] = -p.foot_distance / 2
+        self.trunk[robots] = 0
         self.trunk[robots, :, 0] = p.trunk_x_offset, 0, 0, p.trunk_pitch
 
     def landings(self, right, footsteps):
@@ -152,12 +154,16 @@ class WalkEngine:
             trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)   + trunk_phase
                  state                                   state
         """
-        left, right = self.feet[robots, LEFT], self.feet[robots, RIGHT]
+        left = self.feet[robots, LEFT]
+        right = self.feet[robots, RIGHT]
         new_left, new_right = self.landings(right, footsteps)
         # The next left step is not known yet: we expect the same one again.
         next_left, _ = self.landings(new_right, footsteps)
-        knots = [self._knot(right, left, new_left), self._knot(new_left, right, new_right),
-                 self._knot(new_right, new_left, next_left)]
+        knots = [
+            self._knot(right, left, new_left),
+            self._knot(new_left, right, new_right),
+            self._knot(new_right, new_left, next_left),
+        ]
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
         feet = self._feet_path(left, right, new_left, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
@@ -165,17 +171,19 @@ class WalkEngine:
         return robot_model.Trajectory(joints, trunk), feet
 
     def _knot(self, support, start, landing):
-        """What the trunk's spline goes through half way in a single step, [n, 4, 3].
+        """State of the trunk (x, y, yaw, pitch) in the middle of a single step, [n, 4, 3].
 
-        Three feet [n, 3]: the support foot, and the swing foot before and after. The trunk is
-        half way between the middles of the feet before and after, moves with the mean velocity,
-        without acceleration, and is shifted towards the support foot.
+        The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
+        it lands. The trunk is half way between the middle of the feet before the step and the
+        middle after it, moves with the mean velocity, without acceleration, and is shifted towards
+        the support foot.
         """
         # aside = trunk_swing · y of the support foot, seen from the middle
-        # lean  = trunk_pitch + pitch_per_step · forward + pitch_per_turn · |turn|,   forward, turn:
+        # lean  = trunk_pitch + pitch_per_step · ahead + pitch_per_turn · |turn|,   ahead, turn:
         #         what the middle of the feet does, seen in the yaw that it has half way
         p = self.parameters
-        before, after = (support + start) / 2, (support + landing) / 2  # middle of the feet
+        before = (support + start) / 2  # middle of the feet
+        after = (support + landing) / 2
         centre = (before + after) / 2
         aside = p.trunk_swing * robot_model.relative(centre, support)[:, 1]  # [n]
         offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
@@ -189,24 +197,26 @@ class WalkEngine:
 
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
-        time = np.arange(2 * self.half_ticks + 1) * self.robot.control_dt  # [T + 1]
-        state, start = self.trunk[robots], 0.0
-        path = np.empty((len(state), 4, len(time)))
-        for k, knot in enumerate(knots):
-            end = (k + 0.5 + self.parameters.trunk_phase) * self.half  # [s] time of the knot
-            c = quintic(state, knot, end - start)  # [n, 4, 6]
-            inside = (time > start - 1e-9) & (time <= end + 1e-9)
-            path[..., inside] = polynomial(c, time[inside] - start)
-            if k < 2:
-                state, start = knot, end
-        # The double step ends within the last spline c; the next one takes over its state there.
-        self.trunk[robots] = np.stack([polynomial(c, self.period - start, k) for k in range(3)], -1)
-        trunk = np.zeros((len(path), len(time), 6))
-        trunk[..., [0, 1, 5, 4]] = path.swapaxes(1, 2)
-        trunk[..., 2] = self.parameters.trunk_height
+        p = self.parameters
+        time = np.arange(2 * self.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
+        ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
+        begins = np.array([0.0, ends[0], ends[1]])
+        states = [self.trunk[robots], *knots]  # [n, 4, 3] each
+        path = np.empty((len(knots[0]), 4, len(time)))
+        for k in range(3):
+            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])  # [n, 4, 6]
+            inside = (time > begins[k] - 1e-9) & (time <= ends[k] + 1e-9)
+            path[..., inside] = polynomial(spline, time[inside] - begins[k])
+        # The double step ends within the last spline; the next double step begins in that state:
+        # position, velocity, acceleration.
+        rest = self.period - begins[2]  # `spline` is the third one now
+        state = [polynomial(spline, rest, order) for order in range(3)]
+        self.trunk[robots] = np.stack(state, -1)
+        x, y, yaw, pitch = np.moveaxis(path, 1, 0)  # [n, T + 1] each
+        z = np.full_like(x, p.trunk_height)
         # The left foot swings first, and its side is lifted: a positive roll.
-        trunk[..., 3] = self.parameters.trunk_roll * np.sin(np.pi * time / self.half)
-        return trunk
+        roll = 0 * x + p.trunk_roll * np.sin(np.pi * time / self.half)
+        return np.stack([x, y, z, roll, pitch, yaw], -1)
 
     def _feet_path(self, left, right, new_left, new_right):
         """x, y, z, yaw of both soles, [n, T + 1, 2, 4]: each stands while the other one swings."""
@@ -225,18 +235,20 @@ class WalkEngine:
         t = np.arange(self.half_ticks + 1) * self.robot.control_dt  # [half_ticks + 1] [s]
         t = np.clip(t - wait, 0, swing)
         zero = np.zeros_like(start)
-        begin, end = (np.stack([pose, zero, zero], -1) for pose in (start, landing))  # at rest
+        begin = np.stack([start, zero, zero], -1)  # at rest
+        end = np.stack([landing, zero, zero], -1)
         foot = np.zeros((len(start), len(t), 4))
         foot[..., [0, 1, 3]] = polynomial(quintic(begin, end, swing), t).swapaxes(1, 2)
         up = quintic([0, 0, 0], [self.parameters.foot_rise, 0, 0], swing / 2)  # [6]
-        foot[..., 2] = polynomial(up, np.minimum(t, swing - t))  # down is up, mirrored in time
+        # The descent is the rise, reversed in time.
+        foot[..., 2] = polynomial(up, np.minimum(t, swing - t))
         return foot
 
 def walk(sim, parameters, footsteps, body=None, watch=None):
-    """Walk N robots (body: what they drew) through K double steps [N, K, 2, 3], from standing.
+    """Walk N robots (of stage 1's Body) through K double steps [N, K, 2, 3], from standing.
 
     Returns torso poses [N, K + 1, 3], commanded poses between the feet [N, K + 1, 3] (yaws
-    unwrapped), and in which double step each robot fell [N] (K: it stayed up). watch(engine,
+    unwrapped), and in which double step each robot fell [N] (K: it did not fall). watch(engine,
     motion) is called after every double step.
     """
     footsteps = np.asarray(footsteps, float)
@@ -244,10 +256,12 @@ def walk(sim, parameters, footsteps, body=None, watch=None):
     engine = WalkEngine(n, parameters, planar=sim == "pymunk")
     simulator = robot_model.make_sim(sim, n, engine.stance)
     simulator.reset(np.arange(n), body)
-    poses, wanted = np.zeros((2, n, count + 1, 3))
+    poses = np.zeros((n, count + 1, 3))
+    wanted = np.zeros((n, count + 1, 3))
     fall = np.full(n, count)
     for k in range(count):
-        poses[:, k + 1], wanted[:, k + 1] = poses[:, k], wanted[:, k]
+        poses[:, k + 1] = poses[:, k]
+        wanted[:, k + 1] = wanted[:, k]
         up = np.flatnonzero(fall == count)
         if len(up):
             motion = simulator.run(engine.plan(footsteps[up, k], up)[0], up)
@@ -260,157 +274,6 @@ def walk(sim, parameters, footsteps, body=None, watch=None):
     poses[..., 2] = np.unwrap(poses[..., 2], axis=1)
     return poses, wanted, fall
 
-# ------------------------------------------------------------------------ how well it walks
-# The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
-# it moves, and the speed that we require [m/s, rad/s]. Our choice, from first trials.
-DIRECTIONS = {
-    "forward": ([[0.24, 0, 0], [0.24, 0, 0]], 0, 0.30),
-    "backward": ([[-0.20, 0, 0], [-0.20, 0, 0]], 0, 0.25),
-    "sideways": ([[0, 0.16, 0], [0, 0, 0]], 1, 0.20),
-    "turning": ([[0, 0, 0.60], [0, 0, -0.60]], 2, 1.3),
-}
-LEVELS = 8  # step sizes tried per direction
-PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
-FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
-PLANS = 96  # random ones
-
-def speed_plans():
-    """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
-    go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
-    shares = (np.arange(LEVELS) + 1) / LEVELS
-    return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
-
-def random_plans(rng, limits, count):
-    """Footsteps [count, 8, 2, 3] drawn evenly within the limits: harder than any planned walk."""
-    return within(rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3)), limits)
-
-def highest_speed(poses, fall, period):
-    """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
-
-    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s].
-    """
-    # speed = |way along the axis| / (Σ PATTERN · period); ends amid a step: 4 % low, not sideways
-    speeds = {}
-    for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
-        rows = slice(i * LEVELS, (i + 1) * LEVELS)
-        moved = np.abs(poses[rows, -1, axis] - poses[rows, 0, axis])  # [LEVELS]
-        unbroken = np.cumprod(fall[rows] == len(PATTERN))  # 1 up to the first fall, then 0
-        speeds[direction] = float(np.max(moved * unbroken) / (sum(PATTERN) * period))
-    return speeds
-
-def soles(robot, torso, joints):
-    """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
-    points, turn = robot_model.body_points(robot, torso, joints)
-    ankle, z = points[..., 2, :], turn[..., 2, :]  # z [..., 2, 3]: rise per metre along x, y, z
-    middle = np.array([1, -1]) * robot.foot_outward  # of the left and of the right sole
-    heights = [x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
-               for x in (-robot.foot_back, robot.foot_front)
-               for y in (-robot.foot_width / 2, robot.foot_width / 2)]
-    return ankle, ankle[..., 2] + np.min(heights, 0)
-
-def measure(sim, parameters, seed=0):
-    """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
-
-    speeds: per μ of FRICTION, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
-    steps of a quarter and of half the largest size, likewise; stood: share of random plans that did
-    not fall; steps: share of their double steps before a fall; clearance: lowest corner of the
-    swinging sole between 30 and 70 % of its swing, median and 5th percentile [m]; slip: way of the
-    support foot's ankle while the other foot is in the air, median [m]; both over all walks.
-    """
-    rng, straight = np.random.default_rng(seed), speed_plans()
-    plans = np.concatenate([*[straight] * len(FRICTION), random_plans(rng, LIMITS[sim], PLANS)])
-    body = robot_model.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
-    body.friction[: -PLANS] = np.repeat(FRICTION, len(straight))
-    clearance, slip = [], []
-
-    def watch(engine, motion):
-        ankle, low = soles(engine.robot, motion.torso[~motion.fell], motion.joints[~motion.fell])
-        wait = round(parameters.double_support * engine.half_ticks)  # [ticks]
-        swing = engine.half_ticks - wait
-        for foot, start in ((LEFT, wait), (RIGHT, engine.half_ticks + wait)):
-            inner = slice(start - 1 + round(0.3 * swing), start + round(0.7 * swing))
-            clearance.append(low[:, inner, foot].min(1))  # index i is the end of tick i + 1
-            way = ankle[:, start + swing - 1, 1 - foot] - ankle[:, start, 1 - foot]
-            slip.append(np.hypot(way[:, 0], way[:, 1]))
-
-    poses, wanted, fall = walk(sim, parameters, plans, body, watch)
-    period, speeds, tracking = WalkEngine(1, parameters).period, [], []
-    for first in np.arange(len(FRICTION)) * len(straight):
-        rows = slice(first, first + len(straight))
-        speeds.append(highest_speed(poses[rows], fall[rows], period))
-        ratio = poses[rows, -1] / np.where(wanted[rows, -1] == 0, np.nan, wanted[rows, -1])
-        gentle = np.array([LEVELS // 4, LEVELS // 2]) - 1  # levels
-        tracking.append({name: float(ratio[i * LEVELS + gentle, axis].mean())
-                         for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items())})
-    return {"speeds": speeds, "tracking": tracking,
-            "stood": float(np.mean(fall[-PLANS:] == len(PATTERN))),
-            "steps": float(np.mean(fall[-PLANS:]) / len(PATTERN)),
-            "clearance": np.percentile(np.concatenate(clearance), [50, 5]).tolist(),
-            "slip": float(np.median(np.concatenate(slip)))}
-
-def average(parts):
-    """The mean of several `measure`s, number by number."""
-    if isinstance(parts[0], dict):
-        return {key: average([part[key] for part in parts]) for key in parts[0]}
-    if isinstance(parts[0], list):
-        return [average(row) for row in zip(*parts)]
-    return float(np.mean(parts))
-
-# ------------------------------------------------------------------------ tuning
-SEARCH = {  # tuned parameters and their ranges: those of [5], some made wider
-    "frequency": (1.0, 3.0), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
-    "foot_rise": (0.02, 0.10), "trunk_height": (0.36, 0.42), "trunk_phase": (-0.45, 0.45),
-    "trunk_pitch": (-0.1, 0.3), "trunk_swing": (0.0, 0.8), "trunk_x_offset": (-0.03, 0.03),
-    "pitch_per_step": (-1.0, 1.0), "pitch_per_turn": (-0.5, 0.5), "trunk_roll": (-0.02, 0.12),
-}
-PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
-
-def score(sim, measured):
-    """What tuning maximises; see `measure`.
-
-    Mean of √(speed / required speed) at the worst μ + 2 · share of random double steps + share of
-    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
-    makes a slow direction count more than a fast one; slip is only printed.
-    """
-    real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
-    worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
-    off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
-    feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
-    return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
-
-def tune(sim, seed, iterations=10, population=28, elite=7):
-    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
-
-    Begins at TUNED: paste the result there, and a second call goes on. [5] used a tree-structured
-    Parzen estimator for the same question. Returns WalkParameters.
-    """
-    names = [k for k in SEARCH if sim == "mujoco" or k not in PLANAR_FIXED]
-    low, high = np.array([SEARCH[k] for k in names]).T
-    rng = np.random.default_rng(seed)
-    mean, spread = np.array([getattr(TUNED[sim], k) for k in names]), (high - low) / 10
-    for iteration in range(iterations):
-        drawn = np.clip(mean + spread * rng.normal(size=(population, len(names))), low, high)
-        drawn[0] = mean
-        tried = [replace(TUNED[sim], **dict(zip(names, x.round(4).tolist()))) for x in drawn]
-        seen = [measure(sim, one, iteration) for one in tried]  # same worlds; main: others
-        scores = [score(sim, measured) for measured in seen]
-        best = np.argsort(scores)[::-1][:elite]
-        # Seven samples are noisy: keep some of the old distribution.
-        mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
-        spread = 0.5 * spread + 0.5 * drawn[best].std(0)
-        print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
-              f"{in_words(seen[0])}\n{tried[0]}", flush=True)
-    return replace(TUNED[sim], **dict(zip(names, mean.round(4).tolist())))
-
-def in_words(measured):
-    """The worst and the typical of `measure` in a line."""
-    worst = (f"{k} {min(at[k] for at in measured['speeds']):.2f}" for k in DIRECTIONS)
-    ratios = [ratio for at in measured["tracking"] for ratio in at.values()]
-    clear = " / ".join(f"{1000 * value:.1f}" for value in measured["clearance"])
-    return (f"{', '.join(worst)} (worst μ)  |  walked ÷ commanded {min(ratios):.2f} to "
-            f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
-            f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm")
-
 # ------------------------------------------------------------------------ demonstration
 WALKS = {  # eight double steps each
     "forward": [[0.08, 0, 0], [0.08, 0, 0]],
@@ -419,18 +282,8 @@ WALKS = {  # eight double steps each
     "a left turn": [[0.06, 0, 0.15], [0.06, 0, -0.15]],
 }
 
-def main():
-    parser = robot_model.StageParser(__doc__)
-    parser.add_argument("--tune", action="store_true", help="optimise the walk parameters")
-    args = parser.parse()
-    out = parser.folder(args)
-    if args.tune:
-        print(tune(args.sim, args.seed))
-        return
-    engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
-    print(f"{args.sim}: a double step takes {engine.period:.2f} s")
-    for _ in range(2):  # the second double step: not from standing
-        trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
+def plot_plan(engine, trajectory, feet, path):
+    """Trunk and feet of one robot's double step over time."""
     time = np.arange(feet.shape[1]) * engine.robot.control_dt
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
@@ -443,27 +296,37 @@ def main():
         axis.set(title=title, xlabel="time [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle("A double step amid a walk: the left foot swings, then the right")
-    robot_model.atomic_write(out / "02_plan.png", lambda file: figure.savefig(file, dpi=110))
+    robot_model.save_figure(figure, path)
+
+def plot_walks(poses, wanted, path, title):
+    """The way of every walk from above: poses and wanted poses [4, K + 1, 3]."""
+    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
+    for name, walked, asked in zip(WALKS, poses, wanted):
+        line, = axis.plot(*walked[:, :2].T, ".-", label=name)
+        axis.plot(*asked[:, :2].T, "x", color=line.get_color())
+    axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
+    axis.legend()
+    axis.grid(alpha=0.3)
+    robot_model.save_figure(figure, path)
+
+def main():
+    parser = robot_model.StageParser(__doc__)
+    args = parser.parse()
+    out = parser.folder(args)
+    engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
+    print(f"{args.sim}: a double step takes {engine.period:.2f} s")
+    for _ in range(2):  # the second one is drawn; the first one starts from standing
+        trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
+    plot_plan(engine, trajectory, feet, out / "02_plan.png")
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
-    seen = average([measure(args.sim, TUNED[args.sim], 1000 + 3 * args.seed + k) for k in range(3)])
-    for mu, speeds, ratios in zip(FRICTION, seen["speeds"], seen["tracking"]):
-        print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)",
-              ", ".join(f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds))
-    print(in_words(seen))
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
-    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     for name, asked, walked, when in zip(WALKS, wanted, poses, fall):
         a, b = ("{:5.2f} {:5.2f} {:5.2f}".format(*path[-1]) for path in (asked, walked))
         print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
-        line, = axis.plot(*walked[:, :2].T, ".-", label=name)
-        axis.plot(*asked[:, :2].T, "x", color=line.get_color())
-    axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal",
-             title=f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
-    axis.legend()
-    axis.grid(alpha=0.3)
-    robot_model.atomic_write(out / "02_walk.png", lambda file: figure.savefig(file, dpi=110))
+    plot_walks(poses, wanted, out / "02_walk.png",
+               f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
     print("Look at", out / "02_plan.png", "and", out / "02_walk.png")
 
 if __name__ == "__main__":

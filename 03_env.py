@@ -1,19 +1,18 @@
-"""Stage 3: what does the robot see, what may it do, and what is it rewarded for?
+"""Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode. The robot
 has arrived when it stays: two double steps in a row must end at the goal (the paper asks for one).
 
     python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
-(`--mujoco` in 3-D, `--imu` with the torso's tilt in the observation). Prints what is observed, what
-an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`. Predict: of which reward
-terms does the hand-written planner earn most, and which ones cost it?
+(`--mujoco` in 3-D.) Prints what is observed, what an action is and how the episodes end; writes
+`runs/<sim>/03_rewards.png`. Predict: which reward term has the largest positive sum for the
+hand-written planner, and which ones have a negative one?
 
-The words. An episode is one walk, from standing to the goal, a fall or the end of the time. A
-planner chooses the actions; a policy is a planner that is learned: a function from the observation
-to an action. The return of an episode is G = r₀ + γ·r₁ + γ²·r₂ + …; the discount γ, a bit less than
-1, makes later rewards count less. An episode is terminated when nothing can follow (goal, fall) and
-truncated when only the recording stops (time is up): stage 4 must tell these apart.
+An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
+the actions; a policy is a planner that is learned: a function from the observation to an action. An
+episode is terminated when nothing can follow (goal, fall) and truncated when only the recording
+stops (time is up): stage 4 must tell these apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` shows it to PPO, the learning
 method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-v0") shows one robot
@@ -21,10 +20,9 @@ of it to other libraries as a `gymnasium.Env`.
 
 Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
 the encoding of the observation, the spread of goals and noise. Ours: ground and body are drawn anew
-for every episode (`Spread` of stage 1), and neither the planner nor the policy is told.
+for every episode (`Spread`), and no planner receives these values.
 """
 
-import math
 from dataclasses import asdict, dataclass
 from importlib import import_module
 
@@ -38,12 +36,12 @@ wrap = robot_model.wrap
 
 @dataclass(frozen=True)
 class Task:
-    """The task; source "paper", or "ours" where the paper is silent."""
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours: planar times are as the paper's
-    far_std_m: float = 1.0  # [m] of half of the goals in training, and of `05 --far`; ours
-    goal_std_rad: float = math.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
+    """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, from the paper's baseline times
+    far_std_m: float = 1.0  # [m] the same σ for half of the goals in training, and `05 --far`; ours
+    goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
-    success_rad: float = math.radians(10)  # [rad] paper
+    success_rad: float = 10 * (np.pi / 180)  # [rad] paper
     time_limit: float = 100.0  # [s] simulated; paper
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
@@ -57,10 +55,48 @@ class Task:
     s_c: float = 0.02  # [-] continuity
     s_fall: float = 10.0  # [-] the price of a fall; ours
     s_goal: float = 1.0  # [-] the prize for having arrived; ours
-    s_time: float = 0.02  # [-] a double step; for ever: 0.02 / (1 − γ) = 1 with γ = 0.98; ours
+    s_time: float = 0.02  # [-] the price of a double step; ours. γ is the discount of stage 4:
+    #                       a reward t double steps ahead counts γᵗ times. So walking without end
+    #                       costs 0.02 + 0.02·γ + 0.02·γ² + … = 0.02 / (1 − γ) = 1 with γ = 0.98.
 
-# The observation: name, unit, low, high. d: distance to the goal, α: its orientation seen from the
-# robot, β: the direction towards it seen from the robot (paper, Fig. 2); the encoding is ours.
+@dataclass(frozen=True)
+class Spread:
+    """How far ground and robot may be from the model in an episode. All zeros: the model itself.
+    Every value is drawn uniformly and independently; sizes: our choice."""
+    friction: float = 0.3  # [-] ± on μ
+    mass: float = 0.10  # [-] ± share of every link's mass and inertia
+    stiffness: float = 0.20  # [-] ± share of every motor's position gain
+    stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
+    delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
+
+    def draw(self, rngs, robot):
+        """The Body of stage 1 for n robots, one generator each."""
+        drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
+        friction, mass, stiffness, stiction, delay = np.split(drawn, [1, 10, 22, 34], axis=1)
+        return robot_model.Body(
+            friction=np.maximum(0, robot.friction + self.friction * friction[:, 0]),
+            mass=1 + self.mass * mass,
+            stiffness=1 + self.stiffness * stiffness,
+            stiction=self.stiction * (1 + stiction) / 2,
+            delay=self.delay * (delay[:, 0] > 0))
+
+@dataclass(frozen=True)
+class StepLimits:
+    """The smallest and the largest footstep that an action can command."""
+    low: tuple  # x [m], y [m], yaw [rad], outward positive
+    high: tuple
+    load: float = 1.5  # [-] largest sum of the shares of x, y and yaw, see `within`
+
+# Our choice, on the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
+# cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
+LIMITS = {
+    "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.10, 0.60)),
+    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
+}
+
+# The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
+# the goal, α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
+# Fig. 2); the encoding is ours. "zoomed": resolves the last half metre.
 GOAL_TABLE = (
     ("distance d, clipped", "m", 0.0, 3.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
@@ -71,41 +107,36 @@ GOAL_TABLE = (
     ("sin α", "1", -1.0, 1.0),
     ("α / π", "π rad", -1.0, 1.0),
 )
-# How the body moves now decides what it can do next; without a sensor, the last two actions tell.
+# What a double step does also depends on how the body moves when it begins. Without a sensor for
+# that, the last two actions stand in for it.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple((f"{name}, {ago}", "limits at ∓1", -1.0, 1.0)
+PREVIOUS_TABLE = tuple((f"{name}, {ago}", "−1 low, 1 high limit", -1.0, 1.0)
                        for ago in ("last action", "action before") for name in ACTION_NAMES)
 IMU_TABLE = (
     ("torso roll", "0.25 rad", -4.0, 4.0),
     ("torso pitch", "0.25 rad", -4.0, 4.0),
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
-STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
-PURPOSES = ("goal", "world", "noise", "imu", "kicks")  # own dice each; kicks: tests/studies
-ENDS = ("success", "fall", "timeout", "time")  # what an environment tells of an ended episode
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
+
+def checked(name, value, *shape):
+    """The value as an array [shape] of finite numbers, or a ValueError."""
+    array = np.array(value, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}")
+    return array
+
+# ------------------------------------------------------------------------ goals
+STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
 
 def stream(name, seed, *more):
     """A random generator of its own for every stream, seed, and number of a trial."""
     # + 1, because numpy takes (seed, 0) for the same as (seed).
     return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
 
-def checked(name, value, *shape):
-    """The value as an array of that shape; a one-line ValueError if it is not, or not finite."""
-    try:
-        array = np.asarray(value)
-        right = array.dtype.kind in "biuf" and array.size and np.isfinite(array).all()
-    except ValueError:  # lists of different lengths
-        right = False
-    if not right or array.shape != shape:
-        text = " ".join(f"{value!r:.60}".split())
-        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {text}")
-    return array.astype(float)
-
-# ------------------------------------------------------------------------ goal, action, reward
 def draw_goals(rng, count, task=Task(), far=False):
     """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
     std = task.far_std_m if far else task.goal_std_m
@@ -121,58 +152,102 @@ def polar(goal):
 def encode_goal(goal):
     """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
-    x, y = np.clip(2 * goal[..., 0], -1, 1), np.clip(2 * goal[..., 1], -1, 1)
+    x = np.clip(goal[..., 0] / 0.5, -1, 1)
+    y = np.clip(goal[..., 1] / 0.5, -1, 1)
     return np.stack([np.minimum(d, 3.0), x, y, np.cos(beta), np.sin(beta),
                      np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
+
+# ------------------------------------------------------------------------ actions
+def within(footsteps, limits):
+    """Footsteps [..., 2, 3], made smaller where x, y and yaw together exceed the limit `load`.
+
+    Each uses a share of its limit, 0 to 1; together at most `load`. So a footstep may use all of
+    one limit and half of another, but not all of all three. A single axis is never changed.
+    """
+    # s = |x| / x_max + |y| / y_max + |yaw| / yaw_max;   footstep ← footstep · min(1, load / s)
+    largest = np.where(footsteps >= 0, limits.high, np.negative(limits.low))
+    share = (np.abs(footsteps) / largest).sum(-1, keepdims=True)
+    return footsteps / np.maximum(1, share / limits.load)
 
 def to_footsteps(action, limits):
     """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper.
 
-    A footstep that asks for too much at once is made smaller (`within` of stage 2).
+    A footstep that exceeds the limit `load` is made smaller (`within`).
     """
     share = np.reshape(action, (*np.shape(action)[:-1], 2, 3))
     asked = limits.low + share * np.subtract(limits.high, limits.low)
-    return walk_engine.within(asked, limits)
+    return within(asked, limits)
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped: inverts an unscaled `to_footsteps`."""
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1].
+
+    The inverse of `to_footsteps`, as long as `within` makes nothing smaller.
+    """
     share = (footsteps - np.array(limits.low)) / np.subtract(limits.high, limits.low)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
+
+# ------------------------------------------------------------------------ rewards
+def potentials(goal, near_m):
+    """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
+    d, alpha, beta = polar(goal)
+    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it
+    near = np.exp(-((d / near_m) ** 2))
+    # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
+    return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
     the reward. Costs (a fall, a double step, a change of the steps) are negative.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress: each is Φ′ − Φ
-    of some quantity Φ. Added up without a discount, only the ends are left,
-        Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start,   so a circle pays nothing; with a discount γ < 1,
-        Σ γᵗ·(Φ_{t+1} − Φ_t) = γᴷ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},   t = 0 … K − 1:
-    so the way counts, too: what is gained early weighs more than what is given back late. Look up:
-    potential-based shaping (Ng, Harada, Russell, 1999); theirs, γ·Φ′ − Φ, does not change which
-    policy is best.
+    [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
+    potential Φ (`potentials`) after the double step minus that before it. In the sum over an
+    episode all but the ends cancel, Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start. So a closed path pays
+    nothing. With a discount γ < 1 it does pay a little: the way out counts more than the way back.
+    (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ and has no such effect.)
     """
-    d0, alpha0, beta0 = polar(before)
-    d1, alpha1, beta1 = polar(after)
-    near0, near1 = np.exp(-((d0 / task.near_m) ** 2)), np.exp(-((d1 / task.near_m) ** 2))
+    # r_d, r_a, r_o = Φ′ − Φ of `potentials`
+    progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
+    # r_c = −Σ (action − last action)² over x and y of both feet; a turn may change freely
+    change = (action - last_action)[:, [0, 1, 3, 4]]  # [n, 4]
     return {
-        # r_d = d − d′,  so Φ = −d
-        "r_d": task.s_d * (d0 - d1),
-        # r_a = |α|·near(d) − |α′|·near(d′),  near(d) = exp(−(d / 0.4 m)²);  Φ = −|α|·near(d)
-        "r_a": task.s_a * (np.abs(alpha0) * near0 - np.abs(alpha1) * near1),
-        # r_o = |β|·far(d) − |β′|·far(d′),  far(d) = 1 − near(d);  Φ = −|β|·far(d)
-        "r_o": task.s_o * (np.abs(beta0) * (1 - near0) - np.abs(beta1) * (1 - near1)),
-        # r_c = −Σ (action − last action)² over x and y of both feet, as actions in [0, 1]
-        "r_c": task.s_c * -((action - last_action)[:, [0, 1, 3, 4]] ** 2).sum(-1),
-        "r_fall": -task.s_fall * fall, "r_goal": task.s_goal * success,
-        "r_time": np.full(len(d0), -task.s_time)}
+        "r_d": task.s_d * progress[0],
+        "r_a": task.s_a * progress[1],
+        "r_o": task.s_o * progress[2],
+        "r_c": task.s_c * -(change**2).sum(-1),
+        "r_fall": -task.s_fall * fall,
+        "r_goal": task.s_goal * success,
+        "r_time": np.full(len(before), -task.s_time)}
+
+def hand_written(measured, limits):
+    """A planner without learning. Far from the goal it turns to the goal's position, near it to the
+    goal's yaw.
+
+    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
+    """
+    d, alpha, beta = polar(measured)
+    x, y, _ = measured.T
+    low = np.array(limits.low) / 2
+    high = np.array(limits.high) / 2
+    # A turn is outward for one foot and inward for the other, so the inward limit counts for both.
+    turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
+    turn = np.clip(turn / 2, low[2], -low[2])  # of each foot
+    # Both feet share the way forward. Sideways only the leading foot steps, outward.
+    left = np.stack([x / 2, np.maximum(y, 0), turn], -1)  # [n, 3]
+    right = np.stack([x / 2, np.maximum(-y, 0), -turn], -1)
+    return to_action(np.clip(np.stack([left, right], 1), low, high), limits)
 
 # ------------------------------------------------------------------------ the world
+# In every episode a robot has one generator for each purpose. So a planner that measures the goal
+# twice does not change the ground. ("kicks" is used only in tests/studies.)
+PURPOSES = ("goal", "world", "noise", "imu", "kicks")
+ENDS = ("success", "fall", "timeout", "time")  # what the info of an ended episode contains
+
 @dataclass(frozen=True)
 class View:
-    """What n robots know when they decide, beside the measured goals; all of it is copied."""
+    """What a planner may use for n robots, beside the measured goals; all of it is copied."""
     period: float  # [s] of a double step
-    limits: walk_engine.StepLimits
+    limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
     actions: np.ndarray  # [n, 2, 6] the last one, the one before
     observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
@@ -180,22 +255,27 @@ class View:
 class FootstepWorld:
     """N robots on their way to N goals. `robots` are always the indices [n] of some of them.
 
-    Every robot has a random generator of its own, and in every episode a child of it for each of
-    PURPOSES: so N robots together do the same as each of them alone, and whatever a planner does,
-    ground, body and noise stay the same.
+    Every robot has a random generator of its own. So N robots together do the same as each of them
+    alone. Ground and body do not depend on the planner, and the k-th measurement of a robot has the
+    same noise for all planners.
     """
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel(), spread=robot_model.Spread()):
-        if sim not in list(walk_engine.LIMITS):  # a list: sim may be anything
-            raise ValueError(f"sim must be {' or '.join(walk_engine.LIMITS)}, got {sim!r}")
-        self.task, self.limits, self.spread = task, walk_engine.LIMITS[sim], spread
+                 robot=robot_model.RobotModel(), spread=Spread(), render_mode=None):
+        if render_mode is not None:
+            raise ValueError(f"render_mode={render_mode!r}: the environment draws no pictures yet")
+        self.task = task
+        self.limits = LIMITS[sim]
+        self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
-        self.engine = walk_engine.WalkEngine(num_robots, walk_engine.TUNED[sim], robot,
-                                             planar=sim == "pymunk")
+        self.engine = walk_engine.WalkEngine(
+            num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
-        self.neutral_action = to_action(np.zeros((2, 3)), self.limits)  # [6] step on the spot
+        self.close = self.sim.close  # its threads or processes
+        self.most_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
+        # [6] step on the spot; not 0.5, since the limits are not symmetric
+        self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
-        self.dice = [dict(zip(PURPOSES, rng.spawn(len(PURPOSES)))) for rng in self.rng]
+        self.dice = [{}] * num_robots  # a generator by purpose, for each robot; made by `reset`
         self.friction = np.zeros(num_robots)  # μ of the episode
         self.goal = np.zeros((num_robots, 3))
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
@@ -209,55 +289,70 @@ class FootstepWorld:
 
         friction: μ instead of what is drawn, [n] or one for all; nan: as drawn.
         """
-        robots = np.asarray(robots)
         if goals is not None:
-            goals = np.clip(checked("goals", goals, len(robots), 3), -1e9, 1e9)  # no overflow
-        friction = np.zeros(len(robots)) + friction
-        if (friction < 0).any() or (friction > 100).any():
-            raise ValueError(f"friction must be from 0 to 100, got {friction}")
-        for i, rng in zip(robots, rngs or [self.rng[i] for i in robots]):
-            self.rng[i], self.dice[i] = rng, dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
-        if goals is None:  # each one is far with probability ½
-            dice = [self.dice[i]["goal"] for i in robots]
-            goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
+            goals = checked("goals", goals, len(robots), 3)
+        for i, rng in zip(robots, rngs or [self.rng[i] for i in robots], strict=True):
+            self.rng[i] = rng
+            # spawn returns new generators at every call, so every episode differs.
+            self.dice[i] = dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
+        if goals is None:
+            goals = [self._draw_goal(self.dice[i]["goal"]) for i in robots]
         body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
         body.friction = np.where(np.isnan(friction), body.friction, friction)
         self.sim.reset(robots, body)
         self.engine.reset(robots)
-        self.friction[robots], self.inside[robots] = body.friction, False
-        self.goal[robots], self.pose[robots], self.steps[robots] = goals, 0, 0
+        self.friction[robots] = body.friction
+        self.goal[robots] = goals
+        self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
+        self.steps[robots] = 0
+        self.inside[robots] = False
+
+    def _draw_goal(self, rng):
+        """A goal for training [3]: far with probability ½."""
+        far = rng.random() < 0.5
+        return draw_goals(rng, 1, self.task, far)[0]
 
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
+    def _noisy(self, purpose, exact, robots, std):
+        """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
+        if not self.noise:
+            return exact
+        drawn = [self.dice[i][purpose].normal(size=len(std)) for i in robots]
+        return exact + np.array(drawn) * std
+
     def measure(self, robots):
-        """The goal as the robot measures it [n, 3]: with noise, drawn anew at every call."""
-        goal = self.relative_goal(robots)
-        if self.noise:
-            scale = (self.task.noise_m, self.task.noise_m, self.task.noise_rad)
-            goal = goal + np.array([self.dice[i]["noise"].normal(size=3) for i in robots]) * scale
+        """The goal as the robot measures it [n, 3]."""
+        std = (self.task.noise_m, self.task.noise_m, self.task.noise_rad)
+        goal = self._noisy("noise", self.relative_goal(robots), robots, std)
         goal[:, 2] = wrap(goal[:, 2])
         return goal
 
     def observe(self, robots, measured, imu=False):
-        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
+        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3].
+
+        The actions in it are those that were asked for, before `within`.
+        """
         parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
         if imu:
-            tilt, task = self.tilt[robots], self.task
-            if self.noise:
-                scale = (task.imu_rad,) * 2 + (task.imu_rad_s,) * 3
-                tilt = tilt + np.array([self.dice[i]["imu"].normal(size=5) for i in robots]) * scale
+            std = (self.task.imu_rad,) * 2 + (self.task.imu_rad_s,) * 3
+            tilt = self._noisy("imu", self.tilt[robots], robots, std)
             low, high = np.array([row[2:] for row in IMU_TABLE]).T
-            parts.append(np.clip(tilt * [4, 4, 1, 1, 1], low, high))
+            parts.append(np.clip(tilt / [0.25, 0.25, 1, 1, 1], low, high))  # units of the table
         return np.concatenate(parts, -1).astype(np.float32)
 
     def view(self, robots, measured):
-        """What a planner may know of these robots beside the measured goals [n, 3]."""
-        return View(self.engine.period, self.limits, self.neutral_action.copy(),
-                    self.actions[robots], self.observe(robots, measured, imu=True))
+        """What a planner may use for these robots, beside the measured goals [n, 3]."""
+        return View(
+            period=self.engine.period,
+            limits=self.limits,
+            neutral_action=self.neutral_action.copy(),
+            actions=self.actions[robots],
+            observation=self.observe(robots, measured, imu=True))
 
     def step(self, actions, robots):
         """One double step of these robots; actions [n, 6], clipped to [0, 1].
@@ -267,12 +362,14 @@ class FootstepWorld:
         success is that of the first of the two double steps that ended inside.
         """
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
-        before, last = self.relative_goal(robots), self.actions[robots, 0]
+        before = self.relative_goal(robots)
+        last = self.actions[robots, 0]
         trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
         motion = self.sim.run(trajectory, robots)
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
         self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
-        self.actions[robots, 1], self.actions[robots, 0] = last, actions
+        self.actions[robots, 1] = last
+        self.actions[robots, 0] = actions
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
@@ -280,23 +377,20 @@ class FootstepWorld:
         inside &= ~motion.fell  # a fall wins
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
+        timeout = (self.steps[robots] >= self.most_steps) & ~success & ~motion.fell
         seconds = self.steps[robots] * self.engine.period
-        # No double step may end after the time limit: is there room for one more?
-        late = seconds + self.engine.period > self.task.time_limit + 1e-9
-        timeout = late & ~success & ~motion.fell
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
         return {"success": success, "fall": motion.fell, "timeout": timeout, "inside": inside,
                 "time": seconds - success * self.engine.period,
                 "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
-    def close(self):  # the simulator's threads or processes
-        self.sim.close()
-
 def fingerprint(sim, imu=False):
     """What a policy was made for, in plain values; it is stored with the policy."""
-    return {"simulator": sim, "observation": [row[0] for row in observation_table(imu)],
-            "step limits": asdict(walk_engine.LIMITS[sim]),
-            "walk parameters": asdict(walk_engine.TUNED[sim])}
+    return {
+        "simulator": sim,
+        "observation": [row[0] for row in observation_table(imu)],
+        "step limits": asdict(LIMITS[sim]),
+        "walk parameters": asdict(walk_engine.TUNED[sim])}
 
 # ------------------------------------------------------------------------ Gymnasium
 def spaces(imu):
@@ -305,45 +399,49 @@ def spaces(imu):
     return gym.spaces.Box(low, high), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
-    """N independent episodes in one call. A finished one starts anew in the SAME step:
-    `step` returns the first observation of the new episode, and the last one of the old episode in
-    `infos["final_obs"]`. Stage 4 needs that one: what would have followed a truncated episode is
-    estimated ("bootstrapped") from there. infos["_final_obs"][i] says whether robot i's has ended.
-    (The planar robots live in processes: call it below `if __name__ == "__main__":`.)
+    """N independent episodes in one call. A finished episode starts anew in the SAME step.
+
+    Then `step` returns the first observation of the next episode; the last one of the ended
+    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Planar robots run in
+    processes, which import the main file: call this below `if __name__ == "__main__":`.)
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
-        self.num_envs, self.imu = num_envs, imu
-        self.single_observation_space, self.single_action_space = singles = spaces(imu)
-        self.observation_space, self.action_space = (
-            gym.vector.utils.batch_space(space, num_envs) for space in singles)
+        self.num_envs = num_envs
+        self.imu = imu
+        self.single_observation_space, self.single_action_space = spaces(imu)
+        self.observation_space = gym.vector.utils.batch_space(
+            self.single_observation_space, num_envs)
+        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, noise, **settings)
         self.neutral_action = self.world.neutral_action
-        self._everybody = np.arange(num_envs)
+        self.robots = np.arange(num_envs)
 
     def _observe(self, robots):
         return self.world.observe(robots, self.world.measure(robots), self.imu)
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
-        seeds = () if seed is None else range(int(seed), int(seed) + self.num_envs)
-        rngs = [stream("training", number) for number in seeds]
-        self.world.reset(self._everybody, rngs, (options or {}).get("goals"))
-        return self._observe(self._everybody), {}
+        super().reset(seed=seed)
+        rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
+        self.world.reset(self.robots, rngs, (options or {}).get("goals"))
+        return self._observe(self.robots), {}
 
     def step(self, actions):
         """See `FootstepWorld.step`; infos hold the reward terms, and final_obs, final_info."""
-        result = self.world.step(actions, self._everybody)
-        terminated, truncated = result["success"] | result["fall"], result["timeout"]
-        observations, done = self._observe(self._everybody), terminated | truncated
-        infos, ended = {"reward_terms": result["reward_terms"]}, np.flatnonzero(done)
-        if len(ended):
-            final = {key: result[key] for key in ENDS}
-            infos |= {"final_obs": observations.copy(), "_final_obs": done, "_final_info": done,
-                      "final_info": {**final, **{f"_{key}": done for key in ENDS}}}
-            self.world.reset(ended)
-            observations[ended] = self._observe(ended)
+        result = self.world.step(actions, self.robots)
+        terminated = result["success"] | result["fall"]
+        truncated = result["timeout"]
+        observations = self._observe(self.robots)
+        infos = {"reward_terms": result["reward_terms"]}
+        ended = terminated | truncated
+        if ended.any():
+            infos["final_obs"] = observations.copy()
+            infos["final_info"] = {key: result[key] for key in ENDS}
+            infos["_final_obs"] = infos["_final_info"] = ended
+            self.world.reset(self.robots[ended])
+            observations[ended] = self._observe(self.robots[ended])
         return observations, result["reward"], terminated, truncated, infos
 
     def close_extras(self, **_):  # called once by `close`
@@ -353,86 +451,79 @@ class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
     def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
         self.observation_space, self.action_space = spaces(imu)
-        self.imu, self.world = imu, FootstepWorld(1, sim, noise, cores=1, **settings)
+        self.imu = imu
+        self.world = FootstepWorld(1, sim, noise, cores=1, **settings)
+        self.close = self.world.close
 
     def _observe(self):
         return self.world.observe([0], self.world.measure([0]), self.imu)[0]
 
     def reset(self, *, seed=None, options=None):
         """A new episode; options["goal"] = (x, y, yaw) sets its goal."""
-        goal = (options or {}).get("goal")
-        goals = None if goal is None else checked("goal", goal, 3)[None]
+        super().reset(seed=seed)
         if seed is not None:  # the generator that robot 0 of the vector environment has
-            self.np_random, self._np_random_seed = stream("training", seed), seed
-        self.world.reset([0], [self.np_random], goals)
+            self._np_random = stream("training", seed)
+        goal = (options or {}).get("goal")
+        self.world.reset([0], [self.np_random], None if goal is None else [goal])
         return self._observe(), {}
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
-        result = self.world.step(checked("action", action, 6)[None], [0])
-        info = {key: result[key][0] for key in ENDS}
-        info["reward_terms"] = {name: float(r[0]) for name, r in result["reward_terms"].items()}
-        terminated, truncated = bool(info["success"] or info["fall"]), bool(info["timeout"])
-        return self._observe(), float(result["reward"][0]), terminated, truncated, info
+        result = self.world.step([action], [0])
+        info = {key: result[key].item() for key in ENDS}
+        info["reward_terms"] = {name: r.item() for name, r in result["reward_terms"].items()}
+        terminated = info["success"] or info["fall"]
+        reward = result["reward"].item()
+        return self._observe(), reward, terminated, info["timeout"], info
 
-    def close(self):
-        self.world.close()
-
-gym.register("Footsteps-v0", entry_point=FootstepEnv, vector_entry_point=FootstepVectorEnv)
+gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
 
 # ------------------------------------------------------------------------ demonstration
-def hand_written(measured, limits):
-    """A planner: walk to the goal, facing it while far, turning as it is turned when near.
-
-    It knows nothing about dynamics and takes at most half of what the limits allow.
-    Goals as measured [n, 3] -> actions [n, 6].
-    """
-    d, alpha, beta = polar(measured)
-    turn = np.where(d > 0.5, beta, alpha)  # [n] where to look; from half a metre on: our choice
-    low, high = np.array([limits.low, limits.high]) / 2
-    footsteps = np.zeros((len(measured), 2, 3))
-    # Both feet share the way forward. Sideways only the leading foot steps, outward. A turn is
-    # outward for one foot, inward for the other: the smaller limit, low (inward), counts for both.
-    footsteps[:, :, 0] = np.clip(measured[:, 0] / 2, low[0], high[0])[:, None]
-    footsteps[:, 0, 1] = np.clip(measured[:, 1], 0, high[1])
-    footsteps[:, 1, 1] = np.clip(-measured[:, 1], 0, high[1])
-    footsteps[:, :, 2] = np.clip(turn / 2, low[2], -low[2])[:, None] * walk_engine.MIRROR[:, 2]
-    return to_action(footsteps, limits)
+def plot_rewards(paid, path, title):
+    """Sum over time of every reward term of robot 0; paid: [K, N] by name."""
+    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
+    styles = "-", "--", ":", "-.", "x", "o-", "+"
+    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
+    for (name, r), word, style in zip(paid.items(), words, styles):
+        steps = range(1, len(r) + 1)
+        axis.plot(steps, r[:, 0].cumsum(), style, markevery=5, label=f"{name}: {word}")
+    axis.set(title=title, xlabel="double step (several episodes)",
+             ylabel="sum of rewards so far [1]")
+    axis.legend(ncols=2)
+    axis.grid(alpha=0.3)
+    robot_model.save_figure(figure, path)
 
 def main():
     parser = robot_model.StageParser(__doc__)
-    parser.add_argument("--imu", action="store_true", help="tilt and angular velocity observed too")
     args = parser.parse()
-    out, limits = parser.folder(args), walk_engine.LIMITS[args.sim]
+    out, limits = parser.folder(args), LIMITS[args.sim]
     print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
-    for name, unit, low, high in observation_table(args.imu):
+    for name, unit, low, high in observation_table():
         print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
     print(f"\n{'action (outward is positive)':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}")
     for row in zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2):
         print("{:32s} {:>22s} {:7.2f} {:7.2f}".format(*row))
 
-    envs = FootstepVectorEnv(64, args.sim, imu=args.imu)
-    dice = stream("training", args.seed, 0)
-    planners = {"random": lambda goals, limits: dice.random((len(goals), 6)),
+    count, steps = 64, 60
+    envs = FootstepVectorEnv(count, args.sim)
+    rng = stream("training", args.seed, 0)
+    planners = {"random": lambda goals, limits: rng.random((len(goals), 6)),
                 "hand-written": hand_written}
-    print(f"\n64 robots, 60 double steps ({60 * envs.world.engine.period:.0f} s) each")
+    print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     for planner, act in planners.items():
-        envs.reset(seed=args.seed)
-        rows = [envs.step(act(envs.world.measure(np.arange(64)), limits))[-1]["reward_terms"]
-                for _ in range(60)]
-        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [60, 64] each
+        envs.reset(seed=count * args.seed)  # other robots for another seed
+        rows = []
+        for _ in range(steps):
+            goals = envs.world.measure(envs.robots)
+            *_, infos = envs.step(act(goals, limits))
+            rows.append(infos["reward_terms"])
+        # [60, 64] each; after the loop those of the last planner, the hand-written one
+        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}
         goals, falls = (paid["r_goal"] > 0).sum(), (paid["r_fall"] < 0).sum()
         print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
-    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
-    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    for (name, r), word, style in zip(paid.items(), words, ("-", "--", ":", "-.", "x", "o-", "+")):
-        axis.plot(range(1, 61), r[:, 0].cumsum(), style, markevery=5, label=f"{name}: {word}")
-    axis.set(title=f"What each reward has paid robot 0, hand-written planner ({args.sim})",
-             xlabel="double step (several episodes)", ylabel="sum of rewards so far [1]")
-    axis.legend(ncols=2)
-    axis.grid(alpha=0.3)
-    robot_model.atomic_write(out / "03_rewards.png", lambda file: figure.savefig(file, dpi=110))
+    plot_rewards(paid, out / "03_rewards.png",
+                 f"What each reward has paid robot 0, hand-written planner ({args.sim})")
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":

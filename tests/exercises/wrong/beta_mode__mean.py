@@ -1,4 +1,0 @@
-# The mean. Says: would be the mean
-
-def beta_mode(alpha, beta):
-    return alpha / (alpha + beta)

@@ -1,7 +1,0 @@
-# The yaw as it is given. Says: wrap the angle
-
-def encode_goal(goal):
-    d, alpha, beta = polar(goal)
-    x, y = np.clip(2 * goal[..., 0], -1, 1), np.clip(2 * goal[..., 1], -1, 1)
-    return np.stack([np.minimum(d, 3.0), x, y, np.cos(beta), np.sin(beta),
-                     np.cos(alpha), np.sin(alpha), goal[..., 2] / np.pi], -1)

@@ -1,5 +1,0 @@
-# Low AND tilted. Says: height 0.19 m
-
-def fallen(torso, standing_height):
-    cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
-    return (torso[..., 2] < 0.5 * standing_height) & (cos_tilt < math.cos(math.pi / 4))

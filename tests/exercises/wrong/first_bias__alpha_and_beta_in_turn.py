@@ -1,6 +1,0 @@
-# α, β, α, β instead of all α first. Says: all α and then all β
-
-def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
-    mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
-    wanted = torch.stack([mode, 1.0 - mode], -1).flatten() * (concentration - 2.0)
-    self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))

@@ -1,6 +1,0 @@
-# 0 and 1 are not clamped. Says: no gradient
-
-def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
-    mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim)
-    wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)
-    self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))

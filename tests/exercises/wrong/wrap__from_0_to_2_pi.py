@@ -1,4 +1,0 @@
-# Angles from 0 to 2π. Says: [−π, π)
-
-def wrap(angle):
-    return angle % (2 * np.pi)
