@@ -1,486 +1,226 @@
-"""The studies' own tools: what they keep, hide, count, and where they write. They take hours; here
-only tiny versions of them run."""
+"""The studies' own tools, with answers that are known. They take hours; here only tiny versions of
+them run. The tests of `highest_speed`, `look_up` and `steps_to_go` grade these exercises."""
 
-import hashlib
-import json
+import itertools
+import math
 import shutil
-import subprocess
-import sys
-import time
+from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from types import SimpleNamespace
 
+import ablations
+import baseline
+import benchmark
+import common
+import kicks
+import mujoco
 import numpy as np
 import pytest
+import search
+import seeds
+import walk
 
-FOLDER = Path(__file__).resolve().parent / "studies"
-sys.path.append(str(FOLDER))
-common, kept = import_module("common"), import_module("kept")
-env, ppo, evaluate, torch = kept.env, kept.ppo, kept.evaluate, kept.ppo.torch
-SHARED = "book", "common", "kept"
-STUDIES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in SHARED)
-SIMS = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+robot_model, walk_engine = common.robot_model, common.walk_engine
+env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
+ROBOT, LIMITS = robot_model.RobotModel(), env.LIMITS["pymunk"]
+STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark")
+SHORT = replace(env.Task(), time_limit=2.6)  # [s] four double steps
+EASY = replace(SHORT, success_m=99.0, success_rad=4.0)  # everybody has arrived at once
 EVERY = pytest.mark.parametrize("name", STUDIES)
+SIMS = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 
-SIZES = {  # of studies that run from end to end here; {"SETS": 1} for the others
-    "baseline": {"ITERATIONS": 2, "POPULATION": 3, "ELITE": 2, "SETS": 1, "FINALISTS": 2,
-                 "WALKS": 2, "QUIET": 1},
-    "search": {"FACTORS": (0.5,), "CHANGES": (0.2, 1.0), "WALKS": 2, "FINALISTS": 1},
-    "robustness": {"SETS": 1, "WORLDS": {
-        f"μ = {mu}": (kept.robot_model.Spread(), {"friction": mu}) for mu in (0.3, 1.2)}},
-    "kicks": {"STEPS": 8, "SEEDS": (0,), "SPEEDS": (0.0, 3.0)},
-    "second_walk": {"TUNINGS": (1,), "WORLDS": (0,), "STEPS": 8, "SETS": 1},
-    "ground": {"SEEDS": 1, "RATIOS": (1.0,), "RISES": (0.03,), "ROLLS": (0.05,)},
-}
-
-def run(name, *flags):
-    """The study on the command line, but in this process."""
-    common.main(str(FOLDER / f"{name}.py"), list(flags))
-
-def make_small(monkeypatch, name):
-    """The sizes of a study become tiny."""
-    for size, value in SIZES.get(name, {"SETS": 1}).items():
-        monkeypatch.setattr(import_module(name), size, value, raising=False)
-
-def hashes(folder):
-    """What is in every file of a folder."""
-    return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
-            for path in folder.rglob("*") if path.is_file()}
-
-@pytest.fixture(scope="session")
-def made(tmp_path_factory):
-    """A results/ folder with all that is judged, like policies that have learned nothing."""
-    folder, search = tmp_path_factory.mktemp("made"), import_module("search")
-    for sim in ("pymunk", "mujoco"):
-        limits, about = env.walk_engine.LIMITS[sim], {"fits": env.fingerprint(sim)}
-        forward = env.to_action(np.array([[0.05, 0, 0], [0.05, 0, 0]]), limits)
-        for imu in (False, True):
-            kind = folder / sim / ("imu" if imu else "")
-            for seed in kept.SEEDS:
-                torch.manual_seed(seed)
-                out = kind / "seeds" / str(seed)
-                out.mkdir(parents=True)
-                model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=forward)
-                ppo.save_policy(out / "policy.pt", model, {
-                    "fits": env.fingerprint(sim, imu), "config": {"sharpest": 4.0}})
-                (out / "learning_curve.csv").write_text(
-                    "steps,success,fall,time\n4096,nan,nan,nan\n8192,0.98,0,8\n12288,1,0,7\n")
-                (out / "settings.txt").write_text("as written above")
-            for name in ("policy.pt", "learning_curve.csv"):
-                shutil.copyfile(kind / "seeds" / "0" / name, kind / name)
-            (kind / "learning_curve.png").write_bytes(b"a picture")
-        tuned = about | {"settings": vars(evaluate.BaselineSettings())}
-        common.write(folder / sim / "baseline_tuned.json", common.as_json(tuned))
-        steps = search.double_steps(limits, 0.5)
-        cells = evaluate.CELL * np.arange(-evaluate.HALF, evaluate.HALF + 1)
-        value = np.hypot(cells[:, None], cells) / 0.2  # a straight line, 0.2 m a double step
-        table = steps, steps.sum(1) * [1, 1, 0], np.tile(value, (evaluate.TURNS, 1, 1))
-        search.save(folder / sim / "search.npz", sim, 0.5, 1.0, table)
-    return folder
+@pytest.fixture(autouse=True)
+def one_process(monkeypatch):
+    """Starting processes takes longer than these walks."""
+    monkeypatch.setattr(robot_model, "CORES", 1)
 
 @pytest.fixture
-def tiny(made, monkeypatch, tmp_path):
-    """Three goals a set, six seconds for each, one core, everything in a folder of its own.
-
-    The trainings are those of `made`.
-    """
-    def train(sim, seed, imu=False):
-        source, out = made / sim / ("imu" if imu else ""), tmp_path / f"{imu}{seed}"
-        shutil.copytree(source / "seeds" / str(seed), out, dirs_exist_ok=True)
-        shutil.copyfile(source / "learning_curve.png", out / "learning_curve.png")
-        return out
-
-    shutil.copytree(made, tmp_path / "results")
-    monkeypatch.setattr(common, "RESULTS", tmp_path / "results")
-    monkeypatch.setattr(common, "RUNS", tmp_path / "runs")
-    monkeypatch.setattr(common.robot_model, "CORES", 1)
-    monkeypatch.setattr(env, "Task", partial(env.Task, time_limit=6.0))
-    monkeypatch.setattr(kept, "PER_SEED", 3)
-    monkeypatch.setattr(kept, "train", train)
+def tiny(monkeypatch, tmp_path):
+    """Three goals a set, 2.6 seconds for each, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(common, "PER_SET", 3)
+    monkeypatch.setattr(common, "world", partial(common.world, task=SHORT))
     return tmp_path
 
-
-# ------------------------------------------------------------------------ the command line
+# ------------------------------------------------------------------------ files and pages
 @EVERY
-def test_every_study_says_what_it_asks_and_how_to_run_it(name, capsys):
-    doc = import_module(name).__doc__
-    assert "?" in doc.splitlines()[0], "the first line is the question it answers"
-    assert f"\n    python tests/studies/{name}.py [--mujoco] [--ship]\n" in doc
+def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
+    study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
+    assert "?" in study.__doc__.splitlines()[0], "the first line is the question it answers"
+    assert f"python tests/studies/{name}.py" in study.__doc__
+    part, *_ = study.PARTS
+    monkeypatch.setitem(study.PARTS, part, lambda args: {"rows": []})
+    monkeypatch.setattr(study, "table", lambda found, sim: "a table\n")
+    monkeypatch.setattr(study, "plot", lambda found, sim: None, raising=False)
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: path.write_text("it"))
+    main = getattr(study, "main", partial(common.main, name))
+    main([flag, "--out", str(tmp_path), *["--only", part] * (len(study.PARTS) > 1)])
+    assert capsys.readouterr().out.splitlines()[0].endswith(f": {study.DURATION}")
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}{end}" for end in (".json", ".md", ".png")}
     with pytest.raises(SystemExit) as stop:
-        run(name, "--help")
-    assert stop.value.code == 0
-    text = " ".join(capsys.readouterr().out.split())
-    for words in import_module(name).DURATION.values():
-        assert words in text, "--help says how long it takes"
+        main(["--out", str(tmp_path / f"{name}.md")])
+    line, = capsys.readouterr().err.splitlines()
+    assert stop.value.code == 2 and "cannot write" in line
+
+def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
+    def stop(args):
+        raise ppo.PolicyError("no")
+
+    parts = {"one": lambda args: {"rows": [1, (2, 3)]}, "two": stop}
+    study = SimpleNamespace(__name__="both", PARTS=parts, table=lambda found, sim: f"{found}\n")
+    args = Namespace(sim="pymunk", out=tmp_path)
+    (tmp_path / "both.json").write_text('{"two": {"rows": []}}', encoding="utf-8")
+    common.publish(study, "one", args)
+    with pytest.raises(ppo.PolicyError):
+        common.publish(study, "two", args)
+    found = common.read_json(tmp_path / "both.json")
+    assert found == {"two": {"rows": []}, "one": {"rows": [1, [2, 3]]}}
+    assert (tmp_path / "both.md").read_text(encoding="utf-8") == f"{found}\n", "as from the file"
 
 @EVERY
 @SIMS
-def test_every_study_prints_its_duration_first_and_ships_only_if_told_to(
-        name, sim, tiny, monkeypatch, capsys):
-    """With the study itself replaced by one that knows the answer at once."""
-    found = common.Findings({"answer": 42}, "| answer |\n", common.plt.figure(figsize=(1, 1)), {})
-    study, flags = import_module(name), ["--mujoco"] * (sim == "mujoco")
-    monkeypatch.setattr(study, "study", lambda sim: found)
-    before, shipped = hashes(common.RESULTS), hashes(common.ROOT / "results")
-    run(name, *flags)
-    assert capsys.readouterr().out.splitlines()[0] == f"{name}, {sim}: {study.DURATION[sim]}"
-    made = {f"{name}.json", f"{name}.md", f"{name}.png"}
-    assert set(hashes(common.RUNS / sim)) == made
-    assert hashes(common.RESULTS) == before, "results/ was changed without --ship"
-    run(name, "--ship", *flags)
-    after = hashes(common.RESULTS)
-    assert {path for path in after if after[path] != before.get(path)} == {
-        f"{sim}/studies/{path}" for path in made}
-    assert hashes(common.ROOT / "results") == shipped
+def test_the_shipped_table_is_that_of_the_shipped_numbers(name, sim):
+    path, study = common.RESULTS / sim / "studies" / f"{name}.json", import_module(name)
+    if not path.is_file():
+        pytest.skip("not measured")
+    found = common.read_json(path)
+    assert study.table(found, sim) == path.with_suffix(".md").read_text(encoding="utf-8")
+    if hasattr(study, "plot") and name != "walk" and [*study.PARTS][0] in found:
+        figure = study.plot(found, sim)
+        assert all(axes.lines for axes in figure.axes)
+        common.plt.close(figure)
 
-def test_wrong_flags_and_missing_files_get_one_line(tiny, capsys):
-    shutil.rmtree(common.RESULTS / "pymunk" / "seeds")
-    for name, flags, reason in (("falls", [], "seeds/0/policy.pt: no such file"),
-                                ("times", [], "trials.csv"),
-                                ("ground", [], "add --mujoco"), ("kicks", [], "add --mujoco"),
-                                ("second_walk", [], "add --mujoco"),
-                                ("limits", ["--seed", "1"], "--seed"),
-                                ("noise", ["--episodes=3"], "--episodes")):
-        with pytest.raises(SystemExit) as stop:
-            run(name, *flags)
-        message = capsys.readouterr().err
-        assert stop.value.code == 2 and reason in message
-        assert len(message.splitlines()) == 1, message
+def test_a_table_is_pasted_between_its_marks_and_nowhere_else(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("a\n<!-- one -->\nold\n<!-- end -->\nb\n<!-- two -->\nkept\n<!-- end -->\n",
+                    encoding="utf-8")
+    assert common.pasted(page, "one", "new\n") == page.read_text(encoding="utf-8").replace(
+        "old", "new")
 
-def test_the_script_itself_starts():
-    command = [sys.executable, str(FOLDER / "times.py"), "--no-such-flag"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-    assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
+# ------------------------------------------------------------------------ walks
+def test_walks_are_those_of_stage_05_set_by_set(tiny):
+    planner = evaluate.BaselinePlanner()
+    with common.world("pymunk") as world:
+        both = common.walks(planner, world, True, sets=2, first=5)
+        asked = evaluate.draw_trials(6, 3)
+        second = evaluate.evaluate(planner, world, asked, noise=True)
+        far = common.walks(planner, world, far=True, sets=1, first=5, friction=1.2)
+        tuning = common.walks(planner, world, sets=1, first=5, purpose="tuning", per_set=2)
+    assert len(both["time"]) == 6 and len(tuning["time"]) == 2
+    for name in second:
+        np.testing.assert_array_equal(both[name][3:], second[name], err_msg=name)
+    assert (far["friction"] == 1.2).all(), "friction is what was asked for"
+    assert not np.isclose(tuning["friction"], both["friction"][:2]).any(), "other worlds"
 
-def test_an_interruption_is_no_error(monkeypatch, capsys):
-    def stop(sim):
-        raise KeyboardInterrupt
-    monkeypatch.setattr(import_module("limits"), "study", stop)
-    with pytest.raises(SystemExit) as end:
-        run("limits")
-    assert end.value.code == 130 and "the same command continues" in capsys.readouterr().err
-
-
-# ------------------------------------------------------------------------ whole studies, tiny
-@pytest.mark.parametrize("name, sim, prefix", [("seeds", "pymunk", ""), ("imu", "mujoco", "imu/")])
-def test_chosen_policies_are_replaced_only_by_ship(name, sim, prefix, tiny, monkeypatch):
-    study, results = import_module(name), common.RESULTS
-    monkeypatch.setattr(study, "SETS", 1)
-    monkeypatch.setattr(study, "GROUND_SETS", 1, raising=False)
-    (results / sim / prefix / "policy.pt").write_bytes(b"older")
-    before, flags = hashes(results), ["--mujoco"] * (sim == "mujoco")
-    run(name, *flags)
-    assert hashes(results) == before, f"{name} replaced what is shipped without a word"
-    mine = hashes(common.RUNS / sim)
-    content = json.loads((common.RUNS / sim / f"{name}.json").read_text(encoding="utf-8"))
-    median = content["median_seed"]
-    assert mine[f"{prefix}policy.pt"] == mine[f"{prefix}seeds/{median}/policy.pt"]
-    run(name, "--ship", *flags)
-    after = hashes(results / sim)
-    for path in (f"{prefix}{file}" for file in (
-            "policy.pt", "seeds/0/policy.pt", "seeds/1/policy.pt", "seeds/2/policy.pt",
-            "seeds/2/learning_curve.csv", *["learning_curve.png"] * (not prefix))):
-        assert after[path] == mine[path], f"--ship has not copied {path}"
-    assert after[f"studies/{name}.json"] == mine[f"{name}.json"]
-    changed = {path for path in after if after[path] != before.get(f"{sim}/{path}")}
-    assert changed <= {path for path in mine if path.startswith(prefix or "")} | {
-        f"studies/{name}{end}" for end in (".json", ".md", ".png")}
-
-@pytest.mark.parametrize("name", ["decision", "falls", "robustness", "noise", "pooled"])
-def test_a_study_that_only_judges_runs_from_end_to_end(name, tiny, monkeypatch):
-    make_small(monkeypatch, name)
-    run(name)
-    assert {f"{name}.json", f"{name}.md"} <= set(hashes(common.RUNS / "pymunk"))
-
-def test_the_price_of_the_ground_is_measured_from_end_to_end(tiny, monkeypatch):
-    make_small(monkeypatch, "ground")
-    for name, value in (("LEVELS", 2), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
-        monkeypatch.setattr(env.walk_engine, name, value)
-    run("ground", "--mujoco")
-    found = common.read_json(common.RUNS / "mujoco" / "ground.json")
-    assert len(found["grounds"]) == 3 and len(found["curve"]) == 1
-
-def test_a_second_walk_is_tuned_mapped_and_learned_from_end_to_end(tiny, monkeypatch):
-    ours = env.walk_engine.TUNED["mujoco"]
-    make_small(monkeypatch, "second_walk")
-    for name, value in (("LEVELS", 4), ("FRICTION", (0.7,)), ("PATTERN", (1, 0)), ("PLANS", 2)):
-        monkeypatch.setattr(env.walk_engine, name, value)
-    monkeypatch.setattr(import_module("limits"), "study", lambda sim: common.Findings(
-        vars(env.walk_engine.TUNED[sim]), "maps\n", common.plt.figure()))
-    monkeypatch.setattr(env.walk_engine, "tune", partial(
-        env.walk_engine.tune, iterations=1, population=2, elite=1))
-    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
-    common.write(common.RESULTS / "mujoco/studies/seeds.json", common.as_json({"rows": [
-        {"planner": "policy", "noise": True, "goal_std_m": std, "success": 1.0, "fall": 0.0,
-         "still_there": 1.0, "time_mean": 5.0} for std in (0.5, 1)]}))
-    run("second_walk", "--mujoco")
-    found = common.read_json(common.RUNS / "mujoco" / "second_walk.json")
-    assert found["walks"]["ours"] == vars(ours) == vars(env.walk_engine.TUNED["mujoco"]), (
-        "what we walk with must be as before")
-    assert found["walks"]["the second"] != vars(ours) and len(found["policy"]) == 2
-    assert found["maps"] == found["walks"]["the second"], "the maps are those of the other walk"
-
-@SIMS
-def test_the_shipped_comparison_of_times_comes_from_the_shipped_trials(sim):
-    times, folder = import_module("times"), common.RESULTS / sim
-    if not (folder / "search.npz").is_file():
-        pytest.skip("nothing of this world is shipped yet")
-    found = times.study(sim)
-    common.plt.close(found.figure)
-    assert found.table == (folder / "studies" / "times.md").read_text(encoding="utf-8")
-    assert found.numbers == common.read_json(folder / "studies" / "times.json")
-
-
-# ------------------------------------------------------------------------ what is kept
-def test_a_result_is_kept_under_everything_it_depends_on():
-    robot = kept.robot_model.RobotModel()
-    first = common.digest(robot, env.Task(), b"policy")
-    assert first == common.digest(kept.robot_model.RobotModel(), env.Task(), b"policy")
-    others = [(robot, env.Task(), b"another"), (robot, env.Task(s_fall=7.0), b"policy"),
-              (replace(robot, friction=0.4), env.Task(), b"policy")]
-    for ingredients in others:
-        assert common.digest(*ingredients) != first, "an old result would be taken for a new one"
-
-def test_a_shipped_training_is_not_made_again_unless_a_setting_has_changed(tiny, monkeypatch):
-    monkeypatch.undo()  # `tiny` replaces the training
-    monkeypatch.setattr(common, "RESULTS", tiny / "results")
-    monkeypatch.setattr(common, "RUNS", tiny / "runs")
-    monkeypatch.setattr(ppo, "STEPS", 4096)
-    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=8, rollout=8))
-    asked = []
-
-    def main(flags):
-        out = Path(flags[flags.index("--out") + 1])
-        out.mkdir()
-        asked.append(out)
-        row = {column: 0.0 for *_, columns in ppo.PANELS for column in columns} | {"steps": 64}
-        ppo.save_policy(out / "policy.pt", ppo.ActorCritic(20, 6), {
-            "fits": {}, "config": {"sharpest": 4.0}})
-        (out / "learning_curve.csv").write_text(
-            ",".join(row) + "\n" + 2 * (",".join(map(str, row.values())) + "\n"))
-        (out / "learning_curve.png").write_bytes(b"a picture")
-
-    monkeypatch.setattr(ppo, "main", main)
-    first = kept.train("mujoco", 1)
-    for target, source in kept.to_ship({1: first}, 1).items():
-        common.copy(source, common.RESULTS / "mujoco" / target)
-    shutil.rmtree(common.RUNS)
-    again = kept.train("mujoco", 1)
-    assert len(asked) == 1, "results/ holds this very training"
-    assert {path.name for path in again.iterdir()} == {*kept.FILES, "learning_curve.png"}
-    kept.train("mujoco", 2)
-    monkeypatch.setattr(env, "Task", partial(env.Task, s_fall=7.0))
-    kept.train("mujoco", 1)
-    spread = kept.robot_model.Spread
-    monkeypatch.setattr(kept.robot_model, "Spread", partial(spread, friction=0.0))
-    kept.train("mujoco", 1)
-    assert len(asked) == 4, "another seed, another reward, other worlds: other trainings"
-
-def test_shipped_trainings_are_of_the_settings_of_today():
-    stamps = sorted((common.ROOT / "results").rglob("settings.txt"))
-    assert stamps, "the trainings of the recipe are shipped"
-    for path in stamps:
-        sim, imu = path.relative_to(common.ROOT / "results").parts[0], "imu" in path.parts
-        assert path.read_text(encoding="utf-8").strip() == kept.settings_of(sim, imu), (
-            f"{path.parent}: made of other settings; train it again (tests/studies/seeds.py)")
-
-def test_an_interrupted_study_takes_up_its_finished_trials(tiny):
-    asked = []
-
-    class Counting(evaluate.BaselinePlanner):
-        def act(self, view, robots, measured):
-            asked.append(len(robots))
-            return super().act(view, robots, measured)
-
-    planner = Counting()
-    trials = kept.Trials("pymunk")
-    first = trials.run(planner, "key", True, count=1)
-    decisions = len(asked)
-    again = trials.run(planner, "key", True, count=2)
-    trials.close()
-    assert decisions > 0 and len(asked) > decisions, "the second 3 goals are new"
-    assert sum(asked[:decisions]) == first["steps"].sum()
-    for key in ("outcome", "time", "goals"):
-        np.testing.assert_array_equal(first[key], again[key][: len(first[key])])
-    assert not np.array_equal(again["goals"][:3], again["goals"][3:]), "each set has its own goals"
-
-def test_tuning_and_evaluation_have_different_goals(tiny):
-    trials = kept.Trials("pymunk")
-    planner = kept.baseline(evaluate.BaselineSettings())
-    sets = [trials.run(*planner, False, 0, 1, purpose=purpose)["goals"]
-            for purpose in ("tuning", "evaluation")]
-    trials.close()
-    assert not np.isclose(*sets).any(), "the baseline would be tuned on the goals it is judged by"
-
-def test_another_world_has_other_trials(tiny):
-    planner, spread = kept.baseline(evaluate.BaselineSettings()), common.robot_model.Spread
-    ends = []
-    for zero in (spread(), spread(0, 0, 0, 0, 0)):
-        trials = kept.Trials("mujoco", zero)
-        ends.append(trials.run(*planner, False, count=1)["friction"])
-        ends.append(trials.run(*planner, False, count=1, friction=1.2)["friction"])
-        trials.close()
-    assert np.ptp(ends[0]) > 0 and (ends[2] == 0.7).all(), "it took the other world's trials"
-    assert (ends[1] == 1.2).all() and (ends[3] == 1.2).all(), "friction is what was asked for"
-
-def test_a_fall_is_recorded_with_its_step_its_moment_and_what_came_before(tiny, monkeypatch):
-    """Two double steps on the spot, then longer and longer ones until everybody has fallen."""
-    lengths, ends = np.array([0.0, 0.0, 0.42, 0.44, 0.46, 0.48, 0.5]), []  # [m]
-
-    class Lunge:
-        def reset(self, num_robots):
-            self.steps = 0
-
-        def act(self, view, robots, measured):
-            footsteps = np.zeros((len(robots), 2, 3))
-            footsteps[:, :, 0] = lengths[self.steps]
-            self.steps += 1
-            return env.to_action(footsteps, view.limits)
-
-    limits = env.walk_engine.StepLimits(low=(-0.5, -0.04, -0.3), high=(0.5, 0.1, 0.45))
-    monkeypatch.setitem(env.walk_engine.LIMITS, "mujoco", limits)
-    trials = kept.Trials("mujoco", common.robot_model.Spread(0, 0, 0, 0, 0))
-    sim = trials.make_world().sim
-    sim.run = record(sim.run, ends)
-    found = trials.run(Lunge(), "lunge", False, count=1)
-    trials.close()
-    assert (found["outcome"] == "fall").all()
-    last = np.sort(found["steps"]) - 1
-    assert (last >= 2).all(), "on the spot nobody falls"
-    now, before, pitch, when, mu = found["falls"][:, 3:].T
-    np.testing.assert_allclose(now, lengths[last], err_msg="length of the step that fell")
-    np.testing.assert_allclose(before, lengths[last - 1], err_msg="of the one before")
-    assert (when >= 0).all() and (when < 1).all(), "a share of the double step"
-    assert (mu == 0.7).all(), "friction of the ground"
-    # Without a spread all three do the same: the pitch of any of them will do.
-    np.testing.assert_allclose(pitch, [ends[k - 1][0, 4] for k in last], atol=1e-6,
-                               err_msg="pitch at the end of the double step before the fall")
-    tilts = [np.abs(end[0, 4]) > kept.TILTED for end in ends]
-    np.testing.assert_array_equal(np.sort(found["tilted"]), [sum(tilts[:k]) for k in last],
-                                  err_msg="double steps that began tilted, the fall's included")
-    moved = np.hypot(*(found["falls"][:, :2] - found["goals"][:, :2])[last == 2].T)
-    assert (moved < 0.1).all(), "the goal is recorded as it was before the step that fell"
-
-def record(run, ends):
-    """A simulator's run that also keeps where the torsos were."""
-    def recorded(*arguments):
-        motion = run(*arguments)
-        ends.append(motion.torso[:, -1])
-        return motion
-    return recorded
+def test_a_policy_is_compared_with_its_references(tiny, monkeypatch):
+    monkeypatch.setattr(common, "world", partial(common.world, task=EASY))
+    planner = evaluate.BaselinePlanner()
+    keys = ("baseline", None), ("policy", 0), ("policy_imu", 0)
+    found = seeds.walked("pymunk", dict.fromkeys(keys, planner), (True,), 1, 1, ("baseline",))
+    assert found["goals"] == 3 and len(found["rows"]) == 6, "three planners, near and far"
+    for row in found["rows"]:
+        learned = row["planner"] != "baseline"
+        assert row["falls"] == 0 and ("over_baseline" in row) == learned
+        assert row.get("over_baseline", 1.0) == 1.0, "the same walks"
+        assert ("time_ratio" in row) == (row["planner"] == "policy_imu")
 
 def test_the_median_seed_is_neither_the_best_nor_the_worst():
     rows = [{"seed": seed, "success": success, "time_mean": time}
             for seed, success, time in ((0, 1.0, 5.0), (1, 1.0, 6.0), (2, 0.9, None))]
-    assert kept.median_seed(rows) == 1, "by success first; then the slower one is the worse one"
+    assert seeds.median_seed(rows) == 1, "by success first; then the slower one is the worse one"
 
+def test_every_other_world_is_another_one():
+    drawn = []
+    for spread, friction in kicks.WORLDS.values():
+        body = spread.draw([np.random.default_rng(i) for i in range(3)], ROBOT)
+        body.friction = body.friction if np.isnan(friction) else np.full(3, friction)
+        drawn.append(body)
+    for body in drawn[1:]:
+        same = [np.array_equal(*pair) for pair in zip(vars(drawn[0]).values(), vars(body).values())]
+        assert not all(same), "nothing differs"
+    np.testing.assert_allclose(drawn[4].stiffness, drawn[0].stiffness * 2 / 3, err_msg="soft")
 
-# ------------------------------------------------------------------------ tables and stopwatch
-def test_markdown_is_aligned():
-    lines = common.markdown(["a", "long head"], [[1, 2], ["xyz", 4]]).splitlines()
-    assert len({len(line) for line in lines}) == 1
-    assert lines[2].split("|")[1:3] == [" 1   ", " 2         "]
+# ------------------------------------------------------------------------ pushes
+def flying(low, high):
+    """A world of three robots high above the ground."""
+    world = kicks.kicked(env.FootstepWorld(3, "mujoco", cores=1), low, high)
+    world.reset(np.arange(3), [np.random.default_rng([0, i]) for i in range(3)])
+    world.sim.state[:, world.sim.PLACE] += 0, 0, 50.0
+    return world
 
-def test_a_spread_says_how_many_never_came():
-    assert common.spread([1.0, None, 3.0], 1) == "2.0 (1.0 … 3.0), 1 never"
-    assert common.spread([None, None], 1) == "never"
-
-def test_the_stopwatch_counts_calls_and_leaves_no_trace():
-    class Clock:
-        def wait(self, seconds):
-            time.sleep(seconds)
-            return seconds
-
-    original, clock = Clock.wait, Clock()
-    begin = time.perf_counter()
-    with common.timed(Clock, "wait") as watch:
-        assert clock.wait(0.02) == 0.02 and clock.wait(seconds=0.01) == 0.01
-    assert watch.calls == 2 and watch.seconds >= 0.03
-    assert begin < watch.first <= watch.last - watch.seconds + 1e-9
-    assert Clock.wait is original
-
-def test_learning_is_what_the_simulation_leaves():
-    budget, cfg = import_module("budget"), ppo.PPOConfig(num_envs=10, rollout=5)
-    step = common.Stopwatch(calls=15, seconds=2.0, first=1.0, last=4.0)
-    reset = common.Stopwatch(calls=2, seconds=0.5, first=0.5, last=3.0)
-    assert budget.learning_ms(step, reset, cfg) == pytest.approx(10.0), (
-        "1 s of learning, from two rollouts of 5 · 10 double steps; the third comes too late")
-    step.calls = 5
-    assert budget.learning_ms(step, reset, cfg) is None, "one rollout ends before any learning"
-
-@SIMS
-def test_bare_physics_is_nothing_but_the_simulator_s_steps(sim):
-    benchmark = import_module("benchmark")
-    envs = env.FootstepVectorEnv(3, sim, cores=1)
-    envs.reset(seed=0)
-    ticks, robot = 2 * envs.world.engine.half_ticks, envs.world.engine.robot
-    begin = time.perf_counter()
-    with common.timed(*benchmark.bare_physics(sim)) as physics:
-        envs.step(np.tile(envs.neutral_action, (3, 1)))
-    took = time.perf_counter() - begin
-    envs.close()
-    assert physics.calls == (3 * ticks * robot.substeps if sim == "pymunk" else 1)
-    assert 0 < physics.seconds < took
-
-def test_a_row_of_the_benchmark(monkeypatch):
-    benchmark = import_module("benchmark")
-    monkeypatch.setattr(benchmark, "STEPS", 8)
-    row = benchmark.on_one_core("mujoco", 2)
-    assert row["robots"] == 2 and row["ratio"] == pytest.approx(row["one_core"] / row["bare"])
-    assert 0 < row["planning"] < 1 and all(key in row for key in ("bare", "kB"))
-
-
-# ------------------------------------------------------------------------ single studies
-def test_hidden_observation_is_the_action_before_the_last_one():
-    ablations = import_module("ablations")
-    names = [row[0] for row in env.observation_table()]
-    hidden = names[ablations.LATER]
-    assert len(hidden) == 6 and all("action before" in name for name in hidden)
-    envs = ablations.HiddenEnv(2, "mujoco", cores=1)
-    envs.reset(seed=0)
-    for _ in range(2):
-        observations, *_ = envs.step(np.full((2, 6), 0.6))
-    envs.close()
-    assert not observations[:, ablations.LATER].any(), "the policy can still see it"
-    assert observations[:, 8:14].any(), "the last action must stay visible"
-
-def test_the_hidden_planner_sees_what_it_was_trained_with(tiny):
-    ablations, world = import_module("ablations"), env.FootstepWorld(2, "mujoco", cores=1)
-    planner, _ = kept.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")
-    world.reset([0, 1])
-    world.actions[:, 1] = 0.9, 0.1, 0.2, 0.9, 0.1, 0.8
-    measured = world.measure([0, 1])
-    hidden = ablations.HiddenPlanner(planner.model).act(world.view([0, 1], measured), [0, 1],
-                                                        measured)
-    seen = world.observe([0, 1], measured)
+def test_a_kick_has_the_impulse_that_is_asked_for(monkeypatch):
+    """In the air nothing else pushes sideways: the whole robot's momentum is m·Δv."""
+    monkeypatch.setattr(kicks, "BETWEEN", 0.01)  # [s] a push in every double step
+    world = flying(0.3, 0.3)
+    world.step(np.tile(world.neutral_action, (3, 1)), np.arange(3))
     world.close()
-    assert not np.allclose(hidden, planner.model.decide(seen), atol=1e-6)
-    seen[:, ablations.LATER] = 0
-    np.testing.assert_array_equal(hidden, planner.model.decide(seen))
+    momentum = []
+    for model, state in zip(world.sim.models, world.sim.state):
+        data = mujoco.MjData(model)
+        data.qpos[:], data.qvel[:] = np.split(state[1:], [model.nq])
+        mujoco.mj_forward(model, data)
+        mujoco.mj_subtreeVel(model, data)
+        momentum.append(data.subtree_linvel[1, :2] * model.body_subtreemass[1])
+    np.testing.assert_allclose(np.hypot(*np.transpose(momentum)), 0.3 * ROBOT.torso.mass, rtol=0.02)
+    assert np.ptp(np.arctan2(*np.transpose(momentum))) > 0.1, "in different directions"
 
+def test_kicks_are_as_frequent_as_said_and_depend_on_the_trial_only():
+    steps = 124
+    one, two = (flying(0.0, 0.4).sim for _ in range(2))
+    forces = np.array([one.forces(np.arange(3), steps) for _ in range(600)])  # [600, 3, S, 2]
+    alone = np.array([two.forces(np.array([1]), steps) for _ in range(600)])
+    np.testing.assert_array_equal(forces[:, 1], alone[:, 0], err_msg="whoever else walks")
+    one.close()
+    two.close()
+    pushed = np.abs(forces).max(-1) > 0  # [600, 3, S]
+    assert pushed.any(-1).mean() == pytest.approx(one.period / kicks.BETWEEN, abs=0.03), "in 3 s"
+    assert set(pushed.sum(-1).ravel()) == {0, 10}, "50 ms are 10 steps of physics, all within"
+    size = np.hypot(*np.moveaxis(forces, -1, 0)).max(-1)[pushed.any(-1)]
+    largest = 0.4 * ROBOT.torso.mass / kicks.LASTS
+    assert 0.9 * largest < size.max() <= largest and size.min() < 0.1 * largest
+    moments = pushed.argmax(-1)[pushed.any(-1)]
+    assert moments.min() < 12 and moments.max() > steps - 10 - 12, "at any moment"
+
+def test_without_a_kick_it_is_the_same_simulator():
+    ends = []
+    for change in (lambda world: world, lambda world: kicks.kicked(world, 0.0, 0.0)):
+        world = change(env.FootstepWorld(2, "mujoco", cores=1))
+        world.reset([0, 1], [np.random.default_rng(i) for i in range(2)])
+        for _ in range(3):
+            world.step(np.tile(world.neutral_action, (2, 1)), np.arange(2))
+        world.close()
+        ends.append(world.pose.copy())
+    np.testing.assert_array_equal(*ends)
+
+def test_pushed_policies_are_trained_and_fall(tiny, monkeypatch):
+    for name, value in (("STEPS", 8), ("SEEDS", (0,)), ("SPEEDS", (4.0,)), ("BETWEEN", 0.1)):
+        monkeypatch.setattr(kicks, name, value)
+    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
+    rows = kicks.study_pushes(Namespace(sim="mujoco"))["rows"]
+    assert [row["planner"] for row in rows] == ["policy", "policy_imu"]
+    assert [row["falls"] for row in rows] == [3, 3], "whoever is pushed with 4 m/s falls"
+    assert (tiny / "runs/mujoco/studies/kicks/policy_imu_0/policy.pt").is_file(), "it stays"
+    with pytest.raises(ppo.PolicyError, match="--mujoco"):
+        kicks.study_pushes(Namespace(sim="pymunk"))
+
+# ------------------------------------------------------------------------ learning
 def test_every_reward_term_has_its_ablation():
-    zero, still, variants = np.zeros((1, 3)), np.zeros((1, 6)), import_module("ablations").VARIANTS
+    zero, still = np.zeros((1, 3)), np.zeros((1, 6))
     terms = env.reward_terms(zero, zero, still, still, np.zeros(1), np.zeros(1))
     for name in terms:
-        task = replace(env.Task(), **variants[f"without {name}"]["task"])
+        task = replace(env.Task(), **ablations.VARIANTS[f"without {name}"]["task"])
         without = env.reward_terms(zero + 1, zero + [2, 1, 3], still + 1, still,
                                    np.ones(1), np.ones(1), task)
         assert without[name] == 0, f"the variant 'without {name}' still pays it"
         assert all(without[other] != 0 for other in terms if other != name)
 
-def test_when_a_training_has_learned():
-    after = import_module("ablations").learned_after
-    curve = [[8000, 0.6], [12000, 0.9], [16000, 1.0], [20000, 1.0]]
-    assert after(curve) == 16.0, "the mean of three updates reaches 80 %"
-    assert after(curve[:2]) is None and after(curve[1:3]) is None, "two lucky updates: not enough"
-
 def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     first, obs = np.array([0.2, 0.5, 0.8]), np.zeros((100, 4), np.float32)
     torch.manual_seed(0)
-    model = import_module("ablations").GaussianActor(4, 3, (8, 8), first, 10.0)
+    model = ablations.GaussianActor(4, 3, (8, 8), first, 10.0)
     np.testing.assert_allclose(model.decide(obs), np.tile(first, (100, 1)), atol=0.02)
     obs, std = torch.as_tensor(obs), (4 * 11) ** -0.5  # of a Beta with mean 0.5, α + β = 10
     action = model.sample(obs)
@@ -488,17 +228,15 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     z = (action.numpy() - first) / std  # Σ (−z²/2 − ln(σ·√(2π)))
     expected = (-(z**2) / 2 - np.log(std * np.sqrt(2 * np.pi))).sum(1)
     with torch.no_grad():
-        log_prob = model.policy(obs).log_prob(action).numpy()
-    np.testing.assert_allclose(log_prob, expected, atol=0.1)
-    model.sharpness = 4.0  # p(x)^k ∝ exp(−k·z²/2)
-    with torch.no_grad():
-        sharp = model.policy(obs).stddev[0].numpy()
-    np.testing.assert_allclose(sharp, std / 2, rtol=1e-4, err_msg="it must sharpen like the Beta")
+        np.testing.assert_allclose(model.policy(obs).log_prob(action).numpy(), expected, atol=0.1)
+        model.sharpness = 4.0  # p(x)^k ∝ exp(−k·z²/2)
+        np.testing.assert_allclose(model.policy(obs).stddev[0].numpy(), std / 2, rtol=1e-4,
+                                   err_msg="it must sharpen like the Beta")
 
 def test_gaussian_policy_learns_with_the_same_ppo():
     torch.manual_seed(0)
     cfg = ppo.PPOConfig(epochs=4, minibatch=128)
-    model = import_module("ablations").GaussianActor(1, 1, (8, 8), np.array([0.3]), 10.0)
+    model = ablations.GaussianActor(1, 1, (8, 8), np.array([0.3]), 10.0)
     optimizer = torch.optim.Adam(model.parameters(), lr=5e-3)
     obs, yes = torch.zeros(4, 128, 1), torch.ones(4, 128, dtype=torch.bool)
     for _ in range(25):
@@ -509,59 +247,509 @@ def test_gaussian_policy_learns_with_the_same_ppo():
     best = model.decide(np.zeros((1, 1), np.float32)).item()
     assert best == pytest.approx(0.8, abs=0.05), "the best action is 0.8"
 
-def test_ours_and_theirs_agree_where_the_ranges_of_their_seeds_overlap():
-    study = import_module("stable_baselines")
-    _, gaussian, same, apart = study.KINDS
-    rows = [{"kind": kind, "seed": seed, "success": success, "fall": fall + 0.001 * seed,
-             "time_mean": 5.0 + seed, "learning_ms": learning, "seconds": seconds,
-             "curve": [{"steps": 4096, "minutes": 1, "success": 0.5, "fall": 0.0, "time": 9.0}]}
-            for seed in range(3) for kind, success, fall, learning, seconds in (
-                (gaussian, 0.9 + 0.02 * seed, 0.01, 0.07, 60),
-                (same, 0.94 + 0.02 * seed, 0.02, 0.1, 50), (apart, 0.9, 0.01, 0.2, 130))]
-    assert [line[-1] for line in study.promises(rows)] == ["yes", "no", "yes", "yes", "no", "yes"]
-    assert [line[-2] for line in study.promises(rows)][3:] == ["0.70", "1.20", "0.46"]
-    figure = study.plot(rows, "pymunk")
-    assert [len(axes.lines) for axes in figure.axes] == [12] * 4, "every training, and the means"
-    common.plt.close(figure)
-
-def test_shares_between_mode_and_mean(tiny):
-    decision = import_module("decision")
-    planner, _ = kept.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")
-    world = env.FootstepWorld(2, "mujoco", cores=1)
-    world.reset([0, 1], goals=np.array([[1.0, 0.5, 1.0], [-1.0, 0.0, 2.0]]))
-    view = world.view([0, 1], world.goal)
-    world.close()
-    mean = planner.act(view, [0, 1], world.goal)
-    actions = {share: decision.SharePlanner(planner, share).act(view, [0, 1], world.goal)
-               for share in (0.0, 0.5, 1.0)}
-    np.testing.assert_allclose(actions[1.0], mean, atol=1e-6, err_msg="the whole share: ours")
-    np.testing.assert_allclose(actions[0.5], (actions[0.0] + mean) / 2, atol=1e-6)
+def test_the_mode_and_the_mean_of_a_policy():
+    torch.manual_seed(0)
+    model = ppo.ActorCritic(20, 6)
+    model.sharpness = 4.0
+    observation = np.random.default_rng(0).normal(size=(2, 25)).astype(np.float32)
+    view = env.View(0.62, LIMITS, None, None, observation)
+    mode, mean = (kind(model).act(view, [0, 1], None)
+                  for kind in (ablations.ModePlanner, evaluate.PolicyPlanner))
     with torch.no_grad():
-        raw = torch.nn.functional.softplus(planner.model.actor(
-            torch.as_tensor(view.observation[:, : len(env.observation_table())]))).numpy()
-    a, b = raw.reshape(2, 2, 6).swapaxes(0, 1)  # α − 1 and β − 1 without sharpness
-    np.testing.assert_allclose(actions[0.0], a / (a + b), atol=1e-6, err_msg="the mode")
+        raw = torch.nn.functional.softplus(model.actor(torch.as_tensor(observation[:, :20])))
+    a, b = raw.numpy().reshape(2, 2, 6).swapaxes(0, 1)  # α − 1 and β − 1 without sharpness
+    np.testing.assert_allclose(mode, a / (a + b), atol=1e-6, err_msg="the mode")
     np.testing.assert_allclose(mean, (1 + 4 * a) / (2 + 4 * (a + b)), atol=1e-6, err_msg=(
         "the mean of the sharpened Beta, as trained last"))
 
-def test_every_other_world_is_another_one():
-    robustness, robot = import_module("robustness"), common.robot_model.RobotModel()
-    drawn = []
-    for spread, ground in robustness.WORLDS.values():
-        body = spread.draw([np.random.default_rng(i) for i in range(3)], robot)
-        body.friction = body.friction * 0 + ground.get("friction", body.friction)
-        drawn.append(body)
-    for body in drawn[1:]:
-        same = [np.array_equal(*pair) for pair in zip(vars(drawn[0]).values(), vars(body).values())]
-        assert not all(same), "nothing differs"
-    np.testing.assert_allclose(drawn[4].stiffness, drawn[0].stiffness * 2 / 3, err_msg="soft")
+def test_one_ablation_is_made_once(tiny, monkeypatch):
+    monkeypatch.setattr(ablations, "STEPS", 8)
+    monkeypatch.setattr(ablations, "GOALS", 2)
+    monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT))
+    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
+    row = ablations.ablate("mujoco", "Gaussian policy, clipped", 0)
+    assert row["variant"].startswith("Gaussian") and row["episodes"] == 2
+    monkeypatch.setattr(ppo, "train", None)
+    assert ablations.ablate("mujoco", "Gaussian policy, clipped", 0) == row, "it was finished"
 
+def test_a_row_of_the_benchmark(monkeypatch):
+    monkeypatch.setattr(benchmark, "STEPS", 8)
+    row = benchmark.measure("mujoco", 2)
+    assert row["robots"] == 2 and row["ratio"] == pytest.approx(row["one_core"] / row["bare"])
+    assert 0 < row["ratio"] < 1, "physics is a part of it"
+
+# ------------------------------------------------------------------------ walk: measuring
+def test_speed_plans_move_along_their_axis_only():
+    plans, levels = walk.speed_plans(), walk.LEVELS
+    assert plans.shape == (4 * levels, len(walk.PATTERN), 2, 3)
+    engine = walk_engine.WalkEngine(len(plans), walk_engine.TUNED["mujoco"])
+    for k in range(plans.shape[1]):
+        engine.plan(plans[:, k], np.arange(len(plans)))
+    moved = np.abs(engine.feet.mean(1)).reshape(4, levels, 3)
+    for row, (direction, (_, axis, _)) in zip(moved, walk.DIRECTIONS.items()):
+        assert (np.diff(row[:, axis]) > 0).all(), f"{direction}: every level is faster"
+        assert row[0, axis] > 0.02, f"{direction} moves along axis {axis} of x, y, yaw"
+        if direction != "turning":  # there, each foot steps around the other one
+            np.testing.assert_allclose(np.delete(row, axis, 1), 0, atol=1e-9, err_msg=direction)
+
+def test_random_plans_stay_within_the_limits():
+    limits = env.LIMITS["mujoco"]
+    plans = walk.random_plans(np.random.default_rng(0), limits, 200)
+    low, high = plans.min((0, 1)), plans.max((0, 1))  # [2, 3] each foot
+    assert (low >= limits.low).all() and (high <= limits.high).all()
+    np.testing.assert_allclose(env.within(plans, limits), plans, err_msg=(
+        "x, y and yaw together, too: the robot is never asked for more"))
+    room = 0.02 * (np.array(limits.high) - limits.low)
+    assert (low < limits.low + room).all() and (high > limits.high - room).all(), "all of them"
+
+def test_highest_speed_ignores_everything_beyond_the_first_fall():
+    levels, count = walk.LEVELS, len(walk.PATTERN)
+    moving = sum(walk.PATTERN) * 0.5  # [s]
+    ways = (np.arange(levels) + 1) / levels
+    ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
+    poses = np.zeros((4 * levels, count + 1, 3))
+    fall = np.full(4 * levels, count)
+    for i, axis in enumerate((0, 0, 1, 2)):  # every walk moves its way
+        poses[i * levels : (i + 1) * levels, -1, axis] = (1, -1, 1, 1)[i] * ways
+    forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
+    assert forward == pytest.approx(1 / moving), (
+        "its way by the time of all double steps that are not on the spot: sum(PATTERN) · period, "
+        "not len(PATTERN) · period")
+    fall[4::levels] = 2  # level 5 falls
+    for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
+        assert speed == pytest.approx(ways[2] / moving), (
+            f"{direction}: of eight levels the third is the fastest below the first one that "
+            "fell, and not the last one that stood; a way counts to whichever side")
+
+def test_soles_are_where_mujoco_has_them():
+    rng, count = np.random.default_rng(5), 40
+    model = robot_model.mujoco_model(ROBOT)
+    torso = rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (count, 6))
+    joints = rng.uniform(0.5 * np.tile(ROBOT.joint_min, 2), 0.5 * np.tile(ROBOT.joint_max, 2),
+                         (count, 12))
+    ankle, low = walk.soles(ROBOT, torso, joints)  # [n, 2, 3], [n, 2]
+    assert ankle.shape == (count, 2, 3) and low.shape == (count, 2)
+    data = mujoco.MjData(model)
+    for i in range(count):
+        data.qpos[:3], data.qpos[7:] = torso[i, :3], joints[i]
+        mujoco.mju_mat2Quat(data.qpos[3:7], robot_model.rotation(*torso[i, 3:]).ravel())
+        mujoco.mj_forward(model, data)
+        for foot, side in enumerate(("left", "right")):
+            np.testing.assert_allclose(ankle[i, foot], data.body(f"{side} foot").xpos, atol=1e-9)
+            sole = data.geom(f"{side} sole")
+            corners = np.array([*itertools.product((-1, 1), (-1, 1), [-1])])
+            corners = corners * model.geom(sole.id).size
+            height = sole.xpos[2] + corners @ sole.xmat.reshape(3, 3)[2]  # [4] of the underside
+            assert low[i, foot] == pytest.approx(height.min(), abs=1e-9), (
+                f"{side}: the sole is beside its ankle, outward; its lowest corner counts")
+
+def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
+    """Robots follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""
+    p = replace(walk_engine.TUNED["mujoco"], frequency=0.5 / 0.30, double_support=1 / 3,
+                foot_rise=0.04, trunk_roll=0.05)  # the swing: 20 of 30 ticks
+    plans, rows, seen = walk.PLANS, 4 * walk.LEVELS, {}
+
+    def fake(sim, parameters, footsteps, body, watch):
+        n, count = footsteps.shape[:2]
+        seen["footsteps"], seen["body"] = footsteps, body
+        engine = walk_engine.WalkEngine(n, parameters)
+        trajectory, _ = engine.plan(footsteps[:, 0], np.arange(n))
+        torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
+        torso[..., 0] += 0.001 * np.arange(torso.shape[1])
+        torso[..., 2] += 0.004
+        torso[fell, :, 2] = -1  # whoever fell has no clearance
+        watch(engine, robot_model.Motion(torso, trajectory.joints[:, 1:], None, fell))
+        wanted, fall = np.ones((n, count + 1, 3)), np.full(n, count)
+        wanted[:, 0] = 0
+        poses = wanted * np.repeat([0.5, 0.6, 0.7, 9], [rows, rows, rows, plans])[:, None, None]
+        fall[-plans::2] = count // 2  # every other random walk falls half-way
+        return poses, wanted, fall
+
+    monkeypatch.setattr(walk_engine, "walk", fake)
+    got, period = walk.measure("mujoco", p, seed=3), 0.6
+    assert len(seen["footsteps"]) == 3 * rows + plans
+    friction = seen["body"].friction
+    np.testing.assert_array_equal(friction[: 3 * rows], np.repeat(walk.FRICTION, rows))
+    assert np.ptp(friction[3 * rows :]) > 0.3, "random walks have the ground that they drew"
+    assert np.ptp(seen["body"].mass) > 0.1, "and all of them the bodies"
+    moving = sum(walk.PATTERN) * period  # [s]
+    for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
+        for direction in walk.DIRECTIONS:
+            assert speeds[direction] == pytest.approx(share / moving), direction
+            assert tracking[direction] == pytest.approx(share), f"{direction}: walked ÷ commanded"
+    assert got["stood"] == 0.5, "the share of random plans"
+    assert got["steps"] == 0.75, "the share of random double steps"
+    # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
+    want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
+    np.testing.assert_allclose(got["clearance"], want, atol=1e-9, err_msg=(
+        "lowest corner of the SWING foot between 30 and 70 % of its swing"))
+    assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
+
+def measured(**changed):
+    """What `measure` might return: every required speed, everything else without fault."""
+    required = {name: speed for name, (_, _, speed) in walk.DIRECTIONS.items()}
+    perfect = dict.fromkeys(required, 1.0)
+    return {"speeds": [required] * 3, "tracking": [perfect] * 3, "stood": 1.0, "steps": 1.0,
+            "clearance": [0.008, 0.001], "slip": 0.0} | changed
+
+def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_clearance():
+    required = measured()["speeds"][0]
+    assert walk.score("mujoco", measured()) == pytest.approx(1 + 2 + 1 - 0 + 1)
+    quick, slow = ({**required, "forward": factor * required["forward"]} for factor in (4, 1 / 4))
+    for what, changed, want in (
+            ("four times as fast forward: √4 = 2, a quarter of the mean",
+             {"speeds": [quick] * 3}, 5 + 1 / 4),
+            ("slow at one μ counts, the faster ones do not",
+             {"speeds": [quick, slow, required]}, 5 - 1 / 8),
+            ("random double steps count twice", {"steps": 0.5}, 4),
+            ("random plans count once", {"stood": 0.5}, 4.5),
+            ("10 % short", {"tracking": [dict.fromkeys(required, 0.9)] * 3}, 4.9),
+            ("10 % too far is as bad", {"tracking": [dict.fromkeys(required, 1.1)] * 3}, 4.9),
+            ("short and too far do not cancel",
+             {"tracking": [dict.fromkeys(required, ratio) for ratio in (0.9, 1.0, 1.1)]},
+             5 - 0.2 / 3),
+            ("half of 8 mm, the median counts", {"clearance": [0.004, 0.004]}, 4.5),
+            ("more than 8 mm is not rewarded", {"clearance": [0.020, 0.020]}, 5)):
+        assert walk.score("mujoco", measured(**changed)) == pytest.approx(want), what
+
+def test_score_of_a_planar_robot_ignores_sideways_steps():
+    required = measured()["speeds"][0]
+    still, lost = {**required, "sideways": 0.0}, {**dict.fromkeys(required, 1.0), "sideways": 5.0}
+    got = walk.score("pymunk", measured(speeds=[still] * 3, tracking=[lost] * 3))
+    assert got == pytest.approx(5), "on the plane they follow the command: no achievement"
+    assert walk.score("mujoco", measured(speeds=[still] * 3)) == pytest.approx(5 - 1 / 4)
+
+def test_in_words_shows_the_worst():
+    speeds = [dict.fromkeys(walk.DIRECTIONS, v) for v in (0.31, 0.17, 0.52)]
+    tracking = [dict.fromkeys(walk.DIRECTIONS, v) for v in (0.93, 1.06, 0.81)]
+    words = walk.in_words(measured(speeds=speeds, tracking=tracking, stood=0.75,
+                                   clearance=[0.0083, -0.0021], slip=0.0045))
+    for part in (*(f"{name} 0.17" for name in walk.DIRECTIONS), "0.81 to 1.06",
+                 "standing 0.75", "8.3 / -2.1 mm", "slip 4.5 mm"):
+        assert part in words, f"{part} is not in: {words}"
+
+def test_the_average_is_that_of_every_number():
+    one, two = ({"a": [{"b": x}, x], "c": 2 * x} for x in (1.0, 4.0))
+    assert walk.average([one, two]) == {"a": [{"b": 2.5}, 2.5], "c": 5.0}
+
+# ------------------------------------------------------------------------ walk: tuning, limits
+@pytest.mark.parametrize("sim", ["pymunk", pytest.param("mujoco", marks=pytest.mark.slow)])
+def test_one_round_of_tuning_searches_its_range_and_nothing_else(sim, capsys, monkeypatch):
+    monkeypatch.setattr(walk, "LEVELS", 2)
+    monkeypatch.setattr(walk, "PLANS", 4)
+    monkeypatch.setattr(walk, "measure", partial(walk.measure, frictions=(0.7,)))
+    found, before = walk.tune(sim, 0, 1, population=2, elite=1), walk_engine.TUNED[sim]
+    assert isinstance(found, walk_engine.WalkParameters)
+    for key, (low, high) in walk.SEARCH.items():
+        if sim == "pymunk" and key in walk.PLANAR_FIXED:
+            assert getattr(found, key) == getattr(before, key), f"{key} has no meaning on a plane"
+        else:
+            assert low <= getattr(found, key) <= high, f"{key} left the range it is searched in"
+    shown = capsys.readouterr().out
+    assert "score of the mean" in shown and "clearance" in shown
+
+def shares(parameters):
+    """What is searched, as shares [12] of the ranges."""
+    low, high = np.array(list(walk.SEARCH.values())).T
+    return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
+
+@pytest.fixture
+def tried(monkeypatch):
+    """Instead of walking, every candidate is scored by its distance to a known optimum."""
+    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
+
+    def measure(sim, parameters, seed):
+        seen.append(shares(parameters))
+        worlds.append(seed)
+        return np.linalg.norm(seen[-1] - optimum)
+
+    monkeypatch.setattr(walk, "measure", measure)
+    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
+    monkeypatch.setattr(walk, "in_words", str)
+    return optimum, seen, worlds
+
+def test_tuning_takes_the_best_quarter(tried):
+    optimum, seen, _ = tried
+    found = shares(walk.tune("mujoco", seed=0, iterations=1))
+    np.testing.assert_allclose(seen[0], shares(walk_engine.TUNED["mujoco"]), atol=1e-3, err_msg=(
+        "it begins where the last tuning ended"))
+    order = np.argsort([np.linalg.norm(x - optimum) for x in seen])
+    best = np.array(seen)[order[: len(seen) // 4]]
+    # The candidates are rounded to four decimals, hence the tolerance.
+    np.testing.assert_allclose(found, 0.3 * seen[0] + 0.7 * best.mean(0), atol=3e-3, err_msg=(
+        "the new mean: 30 % of the old one, 70 % of the BEST quarter; the best scores are the "
+        "largest"))
+
+def test_tuning_moves_towards_the_optimum_in_the_same_worlds(tried):
+    optimum, seen, worlds = tried
+    found = shares(walk.tune("mujoco", seed=1, iterations=15))
+    before, after = (np.linalg.norm(x - optimum) for x in (seen[0], found))
+    # A local search whose spread shrinks quickly: from this far it stops at about 40 %.
+    assert after < 0.5 * before, f"from {before:.2f} to {after:.2f} of the ranges away from it"
+    first, last = (np.std(x, axis=0).mean() for x in (seen[:28], seen[-28:]))
+    assert last < 0.2 * first, "the candidates should gather: does the spread shrink?"
+    worlds = np.reshape(worlds, (15, 28))
+    assert (worlds == worlds[:, :1]).all(), "in one round luck must be the same for all"
+    assert len(set(worlds[:, 0])) == 15, "other worlds in every round: or it learns one by heart"
+
+@SIMS
+def test_the_map_of_falls_tells_what_is_easy_from_what_is_impossible(sim, monkeypatch):
+    monkeypatch.setattr(walk, "REPEATS", 2)
+    monkeypatch.setattr(walk, "LOAD_PLANS", 4)
+    easy, wild = np.zeros((1, 2, 3)), np.tile([0.5, 0.0, 0.0], (1, 2, 1))
+    found = walk.fall_map(sim, np.concatenate([easy, easy, wild]),
+                          np.concatenate([easy, wild, wild]))
+    assert found.tolist() == [0, 1, 1], "on the spot; suddenly 0.5 m; always 0.5 m"
+    assert walk.standing(sim, 0.01) == 1.0, "a load of almost nothing is a step on the spot"
+
+def test_what_is_allowed_in_a_map_is_what_an_action_can_reach():
+    bounds = env.StepLimits(low=(-0.1, -0.1, -0.3), high=(0.2, 0.1, 0.6), load=1.5)
+    steps = walk.cells("forward and turning", [0.0, 0.1, 0.2, 0.25], [0.0, 0.15, 0.3, 0.45])
+    assert walk.allowed(steps, bounds).tolist() == [
+        [True, True, True, False],  # yaw 0
+        [True, True, True, False],  # 0.15: half of what the inward foot can turn; 1 + 0.5
+        [True, True, False, False],  # 0.3: all of it; with half of x 1.5, with all of it 2
+        [False, False, False, False]]  # outward for one foot, but inward for the other
+
+# ------------------------------------------------------------------------ search: the map
+HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
+LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
+ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
+                (0.06, 0.01, 0.4), (0.06, -0.01, -0.4)])  # not in whole cells
+
+@pytest.fixture
+def small_map(monkeypatch):
+    """Maps of another size: (cells on each side, turns around the circle)."""
+    def build(half, turns):
+        for name, value in ("HALF", half), ("TURNS", turns), ("TURN", 2 * math.pi / turns):
+            monkeypatch.setattr(search, name, value)
+    return build
+
+def in_metres(moves):
+    """Moves in cells and quarter turns as moves in m, m, rad."""
+    return np.array(moves) * (search.CELL, search.CELL, math.pi / 2)
+
+def fewest_moves(moves, half):
+    """By trying everything: moves [whole cells, whole cells, quarter turns] -> V [4, x, y]."""
+    turned = ((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))
+
+    def after(k, x, y, move):
+        a, b, c, d = turned[k]
+        return (k + move[2]) % 4, x + a * move[0] + b * move[1], y + c * move[0] + d * move[1]
+
+    count, side = {(0, 0, 0): 0}, range(-half, half + 1)
+    open_ones, new = set(itertools.product(range(4), side, side)), {(0, 0, 0)}
+    while new:
+        open_ones -= new
+        new = {pose for pose in open_ones if any(after(*pose, move) in count for move in moves)}
+        count.update(dict.fromkeys(new, max(count.values()) + 1))
+    value = np.full((4, 2 * half + 1, 2 * half + 1), search.FAR)
+    for (k, x, y), number in count.items():
+        value[k, x + half, y + half] = number
+    return value
+
+def test_steps_to_go_is_the_fewest_moves(small_map):
+    small_map(half=5, turns=4)
+    truth = fewest_moves(LATTICE, half=5)
+    assert 4 < truth[truth < search.FAR].max() < search.FAR, "this test's brute force is too easy"
+    found = search.steps_to_go(in_metres(LATTICE), HERE)
+    np.testing.assert_allclose(found, truth, atol=0.01, err_msg=(
+        "V[yaw, x, y] of the robot seen from the goal: are x and y swapped, or the move turned by "
+        "−yaw? The map ends at its edge: outside, the goal is out of reach"))
+
+def test_steps_to_go_with_one_move_ahead(small_map):
+    small_map(half=6, turns=4)
+    value = search.steps_to_go(np.array([[0.05, 0.0, 0.0]]), HERE)
+    line = value[0, :, 6]  # [x]: looking along +x, y = 0
+    np.testing.assert_allclose(line[:7], np.arange(6, -1, -1), atol=0.01, err_msg=(
+        "n cells behind the goal, n moves of 5 cm"))
+    np.testing.assert_allclose(line[7:], search.FAR, err_msg="it cannot go back")
+    assert (value < search.FAR).sum() == 7, "it can neither turn nor go sideways"
+    tolerant = search.steps_to_go(np.array([[0.05, 0.0, 0.0]]), env.Task())
+    np.testing.assert_allclose(tolerant[0, :8, 6], [5, 4, 3, 2, 1, 0, 0, 0], atol=0.01, err_msg=(
+        "within 5 cm it has arrived, one move earlier"))
+
+def test_steps_to_go_obeys_its_equation(small_map):
+    small_map(half=12, turns=12)
+    value = search.steps_to_go(ODD, env.Task())
+    k, i, j = np.meshgrid(np.arange(12), np.arange(4, 21), np.arange(4, 21), indexing="ij")
+    poses = np.stack([(i - 12) * 0.05, (j - 12) * 0.05, k * math.radians(30)], -1)
+    (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
+    moved = np.stack([x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
+                      y + np.sin(yaw) * ahead + np.cos(yaw) * aside, yaw + turn], -1)
+    # `compose` by hand, [..., A, 3]; all within the map
+    at_goal = (np.hypot(poses[..., 0], poses[..., 1]) <= 0.05 + 1e-9) & (k == 0)
+    after = np.minimum(search.FAR, 1 + search.look_up(value, moved).min(-1))
+    after = np.where(at_goal, 0, after)
+    assert after.max() < search.FAR, "all of these can reach it: repeat until nothing changes"
+    np.testing.assert_allclose(value[k, i, j], after, atol=0.02, err_msg=(
+        "V = 1 + min over moves of V after the move: was it repeated until nothing changed?"))
+
+def test_steps_to_go_of_mirrored_moves_is_mirrored(small_map):
+    small_map(half=8, turns=12)
+    value = search.steps_to_go(ODD, env.Task())
+    mirrored = value[-np.arange(12) % 12][:, :, ::-1]  # yaw and y change their signs
+    np.testing.assert_allclose(value, mirrored, atol=0.02, err_msg=(
+        "left and right can do the same, so they are equally far"))
+
+def test_look_up_is_linear_between_cells(small_map):
+    small_map(half=3, turns=8)
+    rng = np.random.default_rng(0)
+    value = rng.uniform(0, 9, (8, 7, 7))
+    poses = np.array([[(i - 3) * 0.05, (j - 3) * 0.05, k * math.pi / 4]
+                      for k, i, j in np.ndindex(8, 7, 7)])
+    np.testing.assert_allclose(search.look_up(value, poses).reshape(8, 7, 7), value, atol=1e-3,
+                               err_msg="on a cell V is that of the cell: value[yaw, x, y]")
+    middle = search.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
+    assert middle == pytest.approx(value[:2, 3:5, 2:4].mean()), "the mean of the eight corners"
+    x, y = rng.uniform(-0.14, 0.14, (2, 50))
+    plane = np.tile(np.arange(7)[:, None] * 2.0 - np.arange(7), (8, 1, 1))
+    found = search.look_up(plane, np.stack([x, y, rng.uniform(-9, 9, 50)], -1))
+    np.testing.assert_allclose(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-9, err_msg=(
+        "a slanted plane has no corners to be cut"))
+
+def test_look_up_closes_the_circle_of_yaws(small_map):
+    small_map(half=1, turns=8)
+    value = np.tile(np.arange(8.0)[:, None, None], (1, 3, 3))
+    for yaw, expected in ((315, 7), (337.5, 3.5), (-22.5, 3.5), (359.9999, 0), (360, 0), (-90, 6),
+                          (-45 - 720, 7)):
+        found = search.look_up(value, np.array([0, 0, math.radians(yaw)]))
+        assert found == pytest.approx(expected, abs=1e-4), f"{yaw}°: after the last yaw, the first"
+
+def test_double_steps_favour_no_side_and_can_be_asked_for():
+    steps = search.double_steps(LIMITS)
+    assert not steps[0].any(), "the first one is in place"
+    twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
+    np.testing.assert_allclose(twice, steps, atol=1e-12, err_msg=(
+        "what was searched is what will be walked: within the limits, and their sum (`within`)"))
+    every = {tuple(step.ravel().round(9) + 0.0) for step in steps}
+    mirrored = {tuple(step[::-1].ravel().round(9) + 0.0) for step in steps}
+    assert every == mirrored, "what the left foot can, the right foot can: swap the two rows"
+    assert len(every) == len(steps) == 281, "8 · 5 · 7, and in place; each once"
+    sideways = steps[:, 0, 1] - steps[:, 1, 1]  # [A] [m] to the left: both feet
+    assert sideways.max() == pytest.approx(LIMITS.high[1] - LIMITS.low[1]), (
+        "one foot steps outward, then the other one follows inward")
+    half = search.double_steps(LIMITS, 0.5)
+    assert np.abs(half[..., 0]).max() == pytest.approx(0.09), "half of 18 cm"
+
+def test_displacements_are_those_of_a_steady_walk(monkeypatch):
+    """A walk by heart: twice slow, then as asked, on a curve, with delay half as far again; the
+    second one falls at last, but only with delay.
+    """
+    moves = np.array([[0.2, 0.0, 0.3], [0.1, -0.1, 0.0]])
+    delayed = moves * [1.5, 1, 1]
+
+    def made_up(sim, parameters, footsteps, body):
+        assert footsteps.shape == (4, 6, 2, 3), "each double step six times, with both delays"
+        assert body.delay.tolist() == [0, 0, 1, 1] and (body.stiction == 0.75).all()
+        assert (body.friction == 0.7).all() and (body.mass == 1).all(), "the middle of the spread"
+        poses = np.zeros((4, 7, 3))
+        for k in range(6):
+            poses[:, k + 1] = robot_model.compose(
+                poses[:, k], np.concatenate([moves, delayed]) * (1 if k > 1 else 0.3))
+        return poses, poses, np.array([6, 6, 6, 5])
+
+    monkeypatch.setattr(walk_engine, "walk", made_up)
+    found, stood = search.displacements("pymunk", search.double_steps(LIMITS)[:2])
+    np.testing.assert_allclose(found, (moves + delayed) / 2, atol=1e-12, err_msg=(
+        "of both delays, from the third on, each seen from where the robot was and looked before"))
+    assert stood.tolist() == [True, False]
+
+# ------------------------------------------------------------------------ search: the planner
+STEPS = np.zeros((len(LATTICE), 2, 3))
+STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
+
+@pytest.fixture
+def lattice_planner(small_map):
+    """Builds a Planner on LATTICE moves, whose actions differ by 0.2 from one to the next."""
+    def build(change, task=HERE):
+        small_map(half=9, turns=4)
+        moves = in_metres(LATTICE)
+        return search.Planner((STEPS, moves, search.steps_to_go(moves, task), change))
+    return build
+
+def decision(planner, pose, last=0):
+    """Which move it takes there after that one; pose [3] of the robot seen from the goal."""
+    actions = env.to_action(STEPS, LIMITS)
+    view = env.View(0.62, LIMITS, None, np.stack([actions[[last]]] * 2, 1), None)
+    goal = robot_model.relative(np.array([pose]), np.zeros(3))
+    planner.reset(1)
+    action, = planner.act(view, np.array([0]), goal)
+    return int(np.abs(actions - action).max(-1).argmin())
+
+def test_search_arrives_after_as_many_steps_as_its_map_says(lattice_planner):
+    planner = lattice_planner(change=1.0)
+    truth, moves = fewest_moves(LATTICE, half=9), in_metres(LATTICE)
+    for k, x, y in itertools.product(range(4), (-4, -1, 0, 3), (-3, 0, 1, 4)):
+        pose, left = in_metres((x, y, k)), round(truth[k, x + 9, y + 9])
+        for _ in range(left):
+            pose = robot_model.compose(pose, moves[decision(planner, pose)])
+        np.testing.assert_allclose(robot_model.compose(np.zeros(3), pose)[:2], 0, atol=1e-9,
+                                   err_msg=f"not there after {left} moves")
+        assert robot_model.wrap(pose[2]) == pytest.approx(0, abs=1e-9)
+
+def test_search_stays_at_the_goal(lattice_planner):
+    planner = lattice_planner(change=1.0, task=env.Task())  # 5 cm are enough
+    assert decision(planner, (0.0, 0.0, 0.0)) == 0
+    assert decision(planner, (-0.05, 0.0, 0.0)) == 0, "arrived: one more move ahead wins nothing"
+
+def test_search_respects_the_largest_change(lattice_planner):
+    behind, there = (-0.2, 0.0, 0.0), (0.0, 0.0, 0.0)  # four cells, best is to go; at the goal
+    assert decision(lattice_planner(change=0.25), behind) == 1
+    assert decision(lattice_planner(change=0.15), behind) == 0, "too different: do as before"
+    assert decision(lattice_planner(change=0.15), there, last=3) == 3, "it cannot stop at once"
+    assert decision(lattice_planner(change=1.0), there, last=3) == 0
+
+def test_search_walks_on_beyond_its_map(lattice_planner):
+    planner = lattice_planner(change=1.0)
+    for metres in (0.5, 1.0, 9.0):  # the map ends at 0.45 m
+        assert decision(planner, (-metres, 0.0, 0.0)) in (1, 3), (
+            f"the goal is {metres} m ahead, and it steps on the spot until the time is up")
+
+@SIMS
+def test_search_reads_the_shipped_map_of_the_simulator_with_these_limits(sim):
+    steps, moves, value, change = search.read_map(env.LIMITS[sim])
+    assert value.shape == (36, 129, 129) and len(steps) == len(moves) > 200
+    assert 0 < change <= 1 and value[0, 64, 64] == 0
+    assert (common.RESULTS / sim / "search.npz").stat().st_size <= 500_000, "half a megabyte"
+
+def test_search_refuses_a_map_for_other_limits_in_one_line(tmp_path, monkeypatch):
+    path = tmp_path / "mujoco" / "search.npz"
+    path.parent.mkdir()
+    shutil.copyfile(common.RESULTS / "mujoco" / "search.npz", path)
+    monkeypatch.setattr(common, "RESULTS", tmp_path)
+    other = replace(env.LIMITS["mujoco"], load=1.7)
+    monkeypatch.setitem(env.LIMITS, "mujoco", other)
+    for limits, reason in ((other, "load is 1.5 in the file, but 1.7 here"),
+                           (LIMITS, "no such file"), (replace(LIMITS, load=2.0), "no such file")):
+        view = env.View(0.62, limits, None, None, None)
+        with pytest.raises(ppo.PolicyError, match=reason) as error:
+            search.Planner().act(view, np.array([0]), np.zeros((1, 3)))
+        assert len(str(error.value).splitlines()) == 1
+
+def test_search_writes_the_map_that_its_planner_reads(tiny, monkeypatch):
+    for name, value in (("FACTORS", (0.5,)), ("CHANGES", (0.2,)), ("WALKS", 1)):
+        monkeypatch.setattr(search, name, value)
+    monkeypatch.setattr(search, "make_map", lambda sim, factor: known)
+    monkeypatch.setattr(common, "world", partial(common.world, task=EASY))
+    monkeypatch.setattr(baseline, "SETS", 1)
+    steps = search.double_steps(LIMITS, 0.5)
+    value = np.tile(np.hypot(*np.mgrid[-12:12:129j, -12:12:129j]), (36, 1, 1))
+    known = steps, steps.sum(1) * [1, 1, 0], value
+    monkeypatch.setattr(common, "opponents", lambda sim: {"baseline": evaluate.BaselinePlanner()})
+    common.main("search", ["--out", str(tiny / "pymunk" / "studies")])
+    found = common.read_json(tiny / "pymunk" / "studies" / "search.json")
+    best, = common.pick(found["finalists"], chosen=True)
+    monkeypatch.setattr(common, "RESULTS", tiny)
+    for wrote, read in zip((*known, best["change"]), search.read_map(LIMITS)):
+        np.testing.assert_allclose(read, wrote, atol=0.026, err_msg="V: in twentieths of a step")
+
+# ------------------------------------------------------------------------ baseline
 PAPER = {"fall": 0.0, "time": 20.0, "still_there": 0.98, "planner": 0.99}
 
-def test_tuning_keeps_the_fastest_safe_setting_that_stays(monkeypatch):
+def test_tuning_chooses_the_fastest_safe_setting_that_stays(monkeypatch):
     """Here a planner is the share of its successes that stay without noise."""
-    baseline = import_module("baseline")
-    monkeypatch.setattr(baseline, "both", lambda trials, planner, *_: planner)
+    monkeypatch.setattr(baseline, "both", lambda world, planner, *_: planner)
     monkeypatch.setattr(baseline, "facts", lambda planner: {"still_there": planner})
     rows = [PAPER | {"time": 9.0}, PAPER | {"time": 8.0, "fall": 0.005},
             PAPER | {"time": 7.0, "fall": 0.006}, PAPER | {"time": 6.0, "still_there": 0.95},
@@ -576,204 +764,16 @@ def test_tuning_keeps_the_fastest_safe_setting_that_stays(monkeypatch):
     unsafe = baseline.choose(None, [rows[2], PAPER | {"time": 3.0, "fall": 0.2}], PAPER)[0]
     assert unsafe is rows[2], "no safe one: the one with the fewest falls"
 
-def test_baseline_and_search_are_tuned_and_shipped(tiny, monkeypatch):
-    search = import_module("search")  # everybody arrives at once:
-    monkeypatch.setattr(env, "Task", partial(env.Task, success_m=9.0, success_rad=4.0))
-    make_small(monkeypatch, "baseline")
-    make_small(monkeypatch, "search")
-    _, planner, _ = evaluate.load(common.RESULTS / "mujoco" / "search.npz", "mujoco")
-    limits = env.walk_engine.LIMITS["mujoco"]
-    table = search.double_steps(limits, 0.5), planner.moves, planner.value
-    monkeypatch.setattr(search, "table", lambda sim, factor: table)
-    run("baseline", "--ship", "--mujoco")
-    run("search", "--ship", "--mujoco")
-    tuned = common.read_json(common.RESULTS / "mujoco" / "baseline_tuned.json")["settings"]
-    assert tuned.keys() == vars(evaluate.BaselineSettings()).keys(), "all eight settings"
-    found = common.read_json(common.RUNS / "mujoco" / "baseline.json")
-    assert len(found["tried"]) == 6 and tuned in [row["settings"] for row in found["finalists"]]
-    assert kept.opponents("mujoco")["baseline_tuned"][1] == tuned
-    found = common.read_json(common.RUNS / "mujoco" / "search.json")["finalists"][0]
-    assert kept.opponents("mujoco")["search"][0].change == found["change"]
-
-def test_promises_are_compared_with_the_means_over_the_seeds():
-    seeds, names = import_module("seeds"), ("policy", "baseline")
-    rows, std = [], seeds.STD
-    for far, noise in seeds.BLOCKS:
-        for name, seed, success in [(names[0], k, 0.994 + 0.001 * k) for k in range(3)] + [
-                (names[1], None, 1.0)]:
-            rows.append({"planner": name, "seed": seed, "noise": noise, "goal_std_m": std[far],
-                         "success": success, "fall": 0.005, "still_there": 0.96,
-                         "time_mean": 7.0, "over_baseline_tuned": 0.9})
-    ground = [{"planner": "policy", "seed": seed, "noise": True, "goal_std_m": std[far],
-               "friction": mu, "fall": 0.009} for far in std for mu in seeds.FRICTIONS
-              for seed in range(3)]
-    found = {row["what"]: row["kept"] for row in seeds.promises(rows, ground, [1e5, 2e5, None])}
-    assert found["success, near, with noise"], "0.995 on average: exactly what is promised"
-    assert not found["fall, near, with noise"] and found["fall, far, with noise"]
-    assert not found["still there, far, without noise"], "at least 0.97"
-    assert found["still there, far, with noise"], "at most 0.02 less than the baseline"
-    assert found["time [s], far, with noise"]
-    assert not found["time ÷ baseline_tuned, near, without noise"]
-    assert not found["fall at the worst μ, near"] and found["fall at the worst μ, far"]
-    assert not found["double steps until 98 % succeed while exploring"], "one never did"
-
-def test_the_reference_time_is_that_of_search_s_map(monkeypatch):
-    times = import_module("times")
-    cells = evaluate.CELL * np.arange(-evaluate.HALF, evaluate.HALF + 1)
-    value = np.tile(np.minimum(np.abs(cells[:, None]) / 0.2, evaluate.FAR) + 0 * cells, (36, 1, 1))
-    period = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED["pymunk"]).period
-    # The start seen from a goal that looks along y: what was ahead is beside it.
-    goals = np.array([[1.0, 0, 0], [0, 0.6, np.pi / 2], [0, 0, 0], [4.0, 0, 0]])
-    steps = times.reference(goals, "pymunk", SimpleNamespace(value=value)) / period
-    np.testing.assert_allclose(steps, (5, 3, 1, np.nan), atol=1e-6, err_msg=(
-        "0.2 m a double step: 5, 3; at the goal one is walked; beyond the map nothing is known"))
-
-def test_trials_without_far_goals_are_refused(tiny):
-    asked = {0.5: evaluate.draw_trials(0, 2)}
-    ended = {name: np.zeros(2) for name in ("friction", "time", "steps", "still_there",
-                                            "reached_once", "time_once")}
-    results = {("policy", True, 0.5): ended | {"outcome": np.array(["fall", "success"])}}
-    path = common.RESULTS / "pymunk" / "trials.csv"
-    evaluate.write_trials(path, asked, results)
-    with pytest.raises(common.StudyError, match="--noise --far"):
-        import_module("times").read_trials(path)
-
-@SIMS
-def test_the_map_of_falls_knows_what_is_easy_and_what_is_impossible(sim, monkeypatch):
-    limits = import_module("limits")
-    monkeypatch.setattr(common.robot_model, "CORES", 1)
-    monkeypatch.setattr(limits, "REPEATS", 2)
-    monkeypatch.setattr(limits, "PLANS", 4)
-    easy, wild = np.zeros((1, 2, 3)), np.tile([0.5, 0.0, 0.0], (1, 2, 1))
-    shares = limits.fall_map(sim, np.concatenate([easy, easy, wild]),
-                             np.concatenate([easy, wild, wild]))
-    assert shares.tolist() == [0, 1, 1], "on the spot; suddenly 0.5 m; always 0.5 m"
-    assert limits.standing(sim, 0.01) == 1.0, "a load of almost nothing is a step on the spot"
-
-def test_what_is_allowed_in_a_map_is_what_an_action_can_ask_for():
-    limits, title = import_module("limits"), "forward and turning"
-    bounds = env.walk_engine.StepLimits(low=(-0.1, -0.1, -0.3), high=(0.2, 0.1, 0.6), load=1.5)
-    steps = limits.cells(title, [0.0, 0.1, 0.2, 0.25], [0.0, 0.15, 0.3, 0.45])  # yaw, x
-    assert limits.allowed(steps, bounds).tolist() == [
-        [True, True, True, False],  # yaw 0
-        [True, True, True, False],  # 0.15: half of what the inward foot can turn; 1 + 0.5
-        [True, True, False, False],  # 0.3: all of it; with half of x 1.5, with all of it 2
-        [False, False, False, False]]  # outward for one foot, but inward for the other
-
-def test_a_decision_takes_time(monkeypatch):
-    decision_time, world = import_module("decision_time"), env.FootstepWorld(2, "mujoco", cores=1)
-    micros = decision_time.decision_time(evaluate.BaselinePlanner(), world, 2)
-    world.close()
-    assert 1 < micros < 1e6, "[µs]"
-
-
-# ------------------------------------------------------------------------ ground and kicks
-def test_the_ground_s_options_reach_every_robot_and_are_gone_afterwards():
-    ground, robot_model = import_module("ground"), common.robot_model
-    make, body = robot_model.make_sim, None
-    engine = env.walk_engine.WalkEngine(2, ground.TUNED)
-    with ground.ground(0, 3.0) as spent:
-        sim = robot_model.make_sim("mujoco", 2, engine.stance)
-        body = robot_model.Spread().draw(np.random.default_rng(0).spawn(2), engine.robot)
-        sim.reset(np.arange(2), body)
-        sim.run(engine.plan(np.zeros((2, 2, 3)), [0, 1])[0], np.arange(2))
-    sim.close()
-    assert [(model.opt.cone, model.opt.impratio) for model in sim.models] == [(0, 3.0)] * 2
-    assert spent[0] == 2 and spent[1] > 0, "double steps and seconds"
-    assert robot_model.make_sim is make
-
-def test_on_our_ground_a_walk_does_not_care_where_north_is():
-    """On MuJoCo's pyramid the same walk ends elsewhere when it starts at another heading."""
-    ground, robot_model = import_module("ground"), common.robot_model
-    headings, ends = np.radians([0, 45, 90]), []
-    engine = env.walk_engine.WalkEngine(3, ground.TUNED)
-    plans = [engine.plan(np.tile([[0.06, 0.02, 0.1], [0.06, 0, -0.1]], (3, 1, 1)), range(3))[0]
-             for _ in range(6)]
-    for cone in ground.CONES.values():
-        with ground.ground(cone, 1.0):
-            sim = robot_model.make_sim("mujoco", 3, engine.stance)
-        half = headings / 2
-        sim.state[:, sim.TURN] = [  # turn · lean of the start
-            [np.cos(h) * w, -np.sin(h) * y, np.cos(h) * y, np.sin(h) * w]
-            for h, (w, _, y, _) in zip(half, sim.state[:, sim.TURN])]
-        for plan in plans:
-            pose = sim.run(plan, np.arange(3)).torso[:, -1, [0, 1, 5]]
-        sim.close()
-        back = np.stack([0 * headings, 0 * headings, -headings], -1)  # seen from the start
-        ends.append(np.ptp(robot_model.compose(back, pose)[:, :2], axis=0).max())  # [m]
-    pyramid, ours = ends
-    assert ours < 0.01, f"{ours:.3f} m apart: is friction isotropic?"
-    assert pyramid > 0.01, "the test sees no difference between the two cones"
-
-def flying(kicks, low, high, seed=0):
-    """A world of three robots high above the ground."""
-    world = kicks.kicked(env.FootstepWorld(3, "mujoco", cores=1), low, high)
-    world.reset(np.arange(3), [np.random.default_rng([seed, i]) for i in range(3)])
-    world.sim.state[:, world.sim.PLACE] += 0, 0, 50.0
-    return world
-
-def test_a_kick_has_the_impulse_that_it_promises(monkeypatch):
-    """In the air nothing else pushes sideways: the whole robot's momentum is m·Δv."""
-    import mujoco
-
-    kicks = import_module("kicks")
-    monkeypatch.setattr(kicks, "BETWEEN", 0.01)  # [s] a kick in every double step
-    world = flying(kicks, 0.3, 0.3)
-    world.step(np.tile(world.neutral_action, (3, 1)), np.arange(3))
-    assert not world.sim.since.any(), "all were kicked in this double step"
-    world.close()
-    momentum = []
-    for model, state in zip(world.sim.models, world.sim.state):
-        data = mujoco.MjData(model)
-        data.qpos[:], data.qvel[:] = np.split(state[1:], [model.nq])
-        mujoco.mj_forward(model, data)
-        mujoco.mj_subtreeVel(model, data)
-        momentum.append(data.subtree_linvel[1, :2] * model.body_subtreemass[1])
-    np.testing.assert_allclose(np.hypot(*np.transpose(momentum)),
-                               0.3 * world.engine.robot.torso.mass, rtol=0.02)
-    angles = np.arctan2(*np.transpose(momentum))
-    assert np.ptp(angles) > 0.1, "in different directions"
-
-def test_kicks_are_as_frequent_as_promised_and_depend_on_the_trial_only():
-    kicks, steps = import_module("kicks"), 124
-    sims = [flying(kicks, 0.0, 0.4).sim for _ in range(2)]
-    forces = np.array([sims[0].forces(np.arange(3), steps) for _ in range(600)])  # [600, 3, S, 2]
-    alone = np.array([sims[1].forces(np.array([1]), steps) for _ in range(600)])
-    np.testing.assert_array_equal(forces[:, 1], alone[:, 0], err_msg="whoever else walks")
-    for sim in sims:
-        sim.close()
-    pushed = np.abs(forces).max(-1) > 0  # [600, 3, S]
-    share = pushed.any(-1).mean()
-    assert share == pytest.approx(sims[0].period / kicks.BETWEEN, abs=0.03), "one in 3 s"
-    assert set(pushed.sum(-1).ravel()) == {0, 10}, "50 ms are 10 steps of physics, all within"
-    size = np.hypot(*np.moveaxis(forces, -1, 0)).max(-1)[pushed.any(-1)]
-    largest = 0.4 * sims[0].robot.torso.mass / kicks.LASTS
-    assert 0.9 * largest < size.max() <= largest and size.min() < 0.1 * largest
-    moments = pushed.argmax(-1)[pushed.any(-1)]
-    assert moments.min() < 12 and moments.max() > steps - 10 - 12, "at any moment"
-
-def test_without_a_kick_it_is_the_same_simulator():
-    kicks, ends = import_module("kicks"), []
-    for change in (lambda world: world, lambda world: kicks.kicked(world, 0.0, 0.0)):
-        world = change(env.FootstepWorld(2, "mujoco", cores=1))
-        world.reset([0, 1], [np.random.default_rng(i) for i in range(2)])
-        for _ in range(3):
-            world.step(np.tile(world.neutral_action, (2, 1)), np.arange(2))
-        world.close()
-        ends.append(world.pose.copy())
-    np.testing.assert_array_equal(*ends)
-
-def test_kicked_policies_are_trained_and_judged(tiny, monkeypatch):
-    monkeypatch.setattr(ppo, "PPOConfig", partial(ppo.PPOConfig, num_envs=2, rollout=4))
-    make_small(monkeypatch, "kicks")
-    run("kicks", "--mujoco")
-    rows = common.read_json(common.RUNS / "mujoco" / "kicks.json")["rows"]
-    falls = {(row["planner"], row["speed"]): row["fall"] for row in rows}
-    for name in ("policy", "policy_imu"):
-        assert falls[name, 0.0] < falls[name, 3.0], "whoever is kicked with 3 m/s falls"
-    for row in rows:
-        falls = round(row["fall"] * row["episodes"])
-        assert sum(row["falls_after"].values()) == falls, "every fall has its kick"
-        if row["speed"] == 3.0:
-            *soon, later = row["falls_after"].values()
-            assert sum(soon) > later, "a kick of 3 m/s is felt at once"
+def test_tuning_of_the_baseline_prints_a_line_for_stage_05(tiny, monkeypatch, capsys):
+    monkeypatch.setattr(common, "world", partial(common.world, task=EASY))
+    for name, value in (("ITERATIONS", 2), ("POPULATION", 1), ("ELITE", 1), ("SETS", 1),
+                        ("FINALISTS", 2), ("WALKS", 1), ("QUIET", 1)):
+        monkeypatch.setattr(baseline, name, value)
+    common.main("baseline", ["--mujoco", "--out", str(tiny)])
+    found = common.read_json(tiny / "baseline.json")
+    best, = common.pick(found["finalists"], chosen=True)
+    assert len(found["tried"]) == 2 and len(found["finalists"]) == 2
+    assert vars(evaluate.TUNED["mujoco"]) in [row["settings"] for row in found["finalists"]]
+    line, = (line for line in capsys.readouterr().out.splitlines() if "BaselineSettings(" in line)
+    found = eval(line.split(": ", 2)[2], {"BaselineSettings": baseline.Settings})
+    assert vars(found) == best["settings"], "all eight settings, to be pasted"

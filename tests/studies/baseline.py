@@ -1,26 +1,20 @@
-"""How good can a carrot on a stick get? All eight settings of the baseline, optimised.
+"""How good can the paper's baseline get? All eight settings, optimised.
 
-    python tests/studies/baseline.py [--mujoco] [--ship]
+    python tests/studies/baseline.py [--mujoco] [--out FOLDER]
 
-Cross-entropy method over drawn worlds, two thirds of the walks with noise: half of the goals have
-σ = 0.5 m, half σ = 1 m. It works on the logarithms of the settings, so none of them has a bound.
-Where it ends, the best of an earlier search, and the eight best candidates of all are walked again
-on 2,000 other trials. Kept is the fastest one with at most 0.5 % falls there that stays: with noise
-as well as the paper's baseline, and 97 % without (baseline_tuned.json). If none does, the fastest
-that is safe and stays with noise, else the fastest that is safe, else the one that falls least. No
-trial of the table is ever seen. (As in the paper's engine a carrot steps sideways with the leading
-foot only and turns both feet alike: in 3-D at most 0.16 m/s and 0.97 rad/s; the actions of policy
-and search reach 0.22 and 1.21.)
+Cross-entropy method on the logarithms of the settings, near and far goals of the stream "tuning",
+two thirds of the walks with noise. Where it ends, TUNED of stage 05, and the eight best candidates
+walk to 2,000 other goals; `choose` takes the fastest that rarely falls and stays, for TUNED.
 """
 
-from dataclasses import asdict, fields
+from dataclasses import asdict, astuple, fields
 
 import common
-import kept
 import numpy as np
+from common import evaluate
 from tqdm import tqdm
 
-DURATION = {"pymunk": "about 15 minutes on two cores", "mujoco": "about 40 minutes on two cores"}
+DURATION = "15 minutes on two cores; 3-D: 40 minutes"
 ITERATIONS, POPULATION, ELITE, FINALISTS = 12, 20, 5, 10
 WALKS = 64  # near ones and as many far ones, for every candidate;
 QUIET = 32  # of each without noise
@@ -28,28 +22,30 @@ SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICE = 200.0  # [s] of one fall per walk; of a time-out a quarter: our choice
 LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond what we accept; our choice
 MAX_FALLS, FLOOR, LESS = 0.005, 0.97, 0.02  # stays: without noise; with it less than the baseline
-Settings = kept.evaluate.BaselineSettings
+Settings = evaluate.BaselineSettings
 NAMES = [entry.name for entry in fields(Settings)]
-# Where it begins: near the finalists of an earlier search of nine iterations in 3-D, which began at
-# three times the paper's speeds, and so in effect of its 10th iteration.
+# Near the finalists of an earlier search in 3-D, which began at three times the paper's speeds.
 START = Settings(0.33, 0.28, 0.2, 1.0, 0.8, 0.7, 1.0, 0.3)
-EARLIER = {  # the fastest safe one of a search of nine iterations without the quiet walks
-    "mujoco": Settings(0.3223, 0.3016, 0.2079, 1.0123, 0.8221, 0.6204, 0.8337, 0.2928),
-    "pymunk": Settings(0.5851, 0.1976, 0.2873, 1.2801, 0.596, 0.6715, 0.6424, 0.3331),
-}
 
-def both(trials, planner, noise, first, count, per_seed=None):
-    """Near and far trials of the tuning together."""
-    parts = [trials.run(*planner, noise, first, count, far, purpose="tuning", per_seed=per_seed)
-             for far in (False, True)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+def both(world, planner, noise, first, sets, per_set=None):
+    """Near and far walks of the tuning together."""
+    return common.together([common.walks(planner, world, noise, far, sets, first, per_set,
+                                         purpose="tuning") for far in (False, True)])
 
 def facts(ended):
-    """What counts of some trials, plain numbers."""
-    shares = {name: float(np.mean(ended["outcome"] == name)) for name in kept.evaluate.OUTCOMES}
+    """What counts of some walks, plain numbers."""
     reached = ended["outcome"] == "success"
-    mean = lambda name: float(ended[name][reached].mean()) if reached.any() else None  # noqa: E731
+
+    def mean(name):
+        return float(ended[name][reached].mean()) if reached.any() else None
+
+    shares = {name: float(np.mean(ended["outcome"] == name))
+              for name in ("success", "timeout", "fall")}
     return shares | {"time": mean("time"), "still_there": mean("still_there")}
+
+def final(world, planner):
+    """The facts of a planner on 2,000 noisy trials."""
+    return facts(both(world, planner, True, 101, SETS))
 
 def cost(row, paper):
     """What the search makes small [s]: time, falls, and staying worse than we accept."""
@@ -60,33 +56,32 @@ def cost(row, paper):
         leaves += max(0.0, FLOOR - (row["quiet"] or 0.0))
     return row["time"] + PRICE * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
 
-def optimise(trials, paper):
-    """Every candidate that was tried: (settings, facts, cost), and the settings where it ends."""
+def optimise(world, paper):
+    """All candidates as (settings, facts, cost), and the settings where it ends."""
+    def settings_of(x):
+        return Settings(*(round(float(value), 4) for value in np.exp(x)))
+
     rng, tried = np.random.default_rng(0), []
-    as_settings = lambda x: Settings(*(round(float(v), 4) for v in np.exp(x)))  # noqa: E731
-    mean, spread = np.log([getattr(START, name) for name in NAMES]), np.full(len(NAMES), 0.3)
+    mean, spread = np.log(astuple(START)), np.full(len(NAMES), 0.3)
     for iteration in range(ITERATIONS):
         drawn = mean + spread * rng.normal(size=(POPULATION, len(NAMES)))
-        drawn[0], rows = mean, []
+        drawn[0] = mean
+        rows = []
         for x in tqdm(drawn, leave=False, unit=" candidates"):
-            planner, first = kept.baseline(as_settings(x)), 1 + iteration
-            row = facts(both(trials, planner, True, first, 1, WALKS))
-            quiet = facts(both(trials, planner, False, first, 1, QUIET))
+            planner = evaluate.BaselinePlanner(settings_of(x))
+            row = facts(both(world, planner, True, 1 + iteration, 1, WALKS))
+            quiet = facts(both(world, planner, False, 1 + iteration, 1, QUIET))
             row["quiet"] = quiet["still_there"]
-            rows.append((as_settings(x), row, cost(row, paper)))
-        best = np.argsort([row[2] for row in rows])[:ELITE]
+            rows.append((settings_of(x), row, cost(row, paper)))
+        costs = [row[2] for row in rows]
+        best = np.argsort(costs)[:ELITE]
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.3 * spread + 0.7 * drawn[best].std(0)
         tried += rows
-        print(iteration, f"mean {rows[0][2]:.2f} s, best {rows[best[0]][2]:.2f} s", rows[0][1],
-              flush=True)
-    return tried, as_settings(mean)
+        print(f"{iteration}: mean {costs[0]:.2f} s, best {min(costs):.2f} s", flush=True)
+    return tried, settings_of(mean)
 
-def final(trials, planner):
-    """The facts of a planner on 2,000 noisy trials."""
-    return facts(both(trials, planner, True, 101, SETS))
-
-def choose(trials, rows, paper):
+def choose(world, rows, paper):
     """The best row, and by which rule.
 
     rows: facts, with their "planner"; paper: facts of the paper's baseline. Whether one stays
@@ -96,7 +91,7 @@ def choose(trials, rows, paper):
             if row["fall"] <= MAX_FALLS]
     stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"] - LESS]
     for row in stay:
-        row["quiet"] = facts(both(trials, row["planner"], False, 101, 1))["still_there"]
+        row["quiet"] = facts(both(world, row["planner"], False, 101, 1))["still_there"]
         if row["quiet"] >= FLOOR:
             return row, "the fastest of the safe ones that stay"
     if stay:
@@ -105,39 +100,38 @@ def choose(trials, rows, paper):
         return safe[0], "none is safe and stays: the fastest that is safe"
     return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
-def study(sim):
-    """The whole search."""
-    trials = kept.Trials(sim)
-    paper = final(trials, kept.baseline(Settings()))
-    tried, end = optimise(trials, paper)
-    tried.sort(key=lambda row: row[2])
-    best_of_all = (settings for settings, *_ in tried[: FINALISTS - 2])
-    finalists, rows = [end, EARLIER[sim], *best_of_all], []
-    for settings in tqdm(finalists, unit=" finalists"):
-        planner = kept.baseline(settings)
-        rows.append({"settings": asdict(settings), "planner": planner, **final(trials, planner)})
-    best, rule = choose(trials, rows, paper)
-    trials.close()
-    fits = kept.env.fingerprint(sim)
-    chosen = {"sim": sim, "settings": best["settings"], "rule": rule, "fits": fits}
-    file = common.work(sim) / "baseline_tuned.json"
-    common.write(file, common.as_json(chosen))
-    plain = [{key: row[key] for key in row if key != "planner"} for row in rows]
-    content = {"trials": 2 * SETS * kept.PER_SEED, "rule": rule, "paper": paper,
-               "finalists": plain, "tried": [{"settings": list(asdict(settings).values()), **row}
-                                             for settings, row, _ in tried]}
-    lines = [line("paper", asdict(Settings()), paper)]
-    lines += [line("chosen" * (row is best), row["settings"], row) for row in rows]
-    head = ["", *NAMES, "fall", "timeout", "time [s]", "still there", "without noise"]
-    return common.Findings(content, common.markdown(head, lines),
-                           files={"baseline_tuned.json": file})
+def plain(rows, best):
+    """Finalists as numbers."""
+    return [{key: value for key, value in row.items() if key != "planner"}
+            | {"chosen": row is best} for row in rows]
 
-def line(label, settings, row):
-    """Cells of the table."""
-    values = [f"{value:.2f}" for value in settings.values()]
-    return [label, *values, f"{row['fall']:.4f}", f"{row['timeout']:.4f}",
-            common.number(row["time"], 2), common.number(row["still_there"], 3),
-            f"{row['quiet']:.3f}" if "quiet" in row else ""]
+def study(args):
+    """The whole search."""
+    with common.world(args.sim) as world:
+        paper = final(world, evaluate.BaselinePlanner(Settings()))
+        tried, end = optimise(world, paper)
+        tried.sort(key=lambda row: row[2])
+        best_of_all = [settings for settings, *_ in tried[: FINALISTS - 2]]
+        rows = []
+        for settings in tqdm([end, evaluate.TUNED[args.sim], *best_of_all], unit=" finalists"):
+            planner = evaluate.BaselinePlanner(settings)
+            rows.append({"settings": asdict(settings), "planner": planner,
+                         **final(world, planner)})
+        best, rule = choose(world, rows, paper)
+    print(f"for TUNED: {args.sim!r}: {best['planner'].settings}")
+    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "paper": paper,
+            "finalists": plain(rows, best),
+            "tried": [{"settings": list(astuple(settings)), **row} for settings, row, _ in tried]}
+
+PARTS = {"": study}
+
+def table(found, sim):
+    """The paper's settings and the finalists."""
+    paper = {"settings": asdict(Settings()), "chosen": "paper", **found["paper"]}
+    columns = dict.fromkeys(NAMES, 2) | {"fall": 4, "timeout": 4, "time": 2, "still_there": 3,
+                                         "quiet": 3, "chosen": 0}
+    rows = [row | row["settings"] for row in [paper, *found["finalists"]]]
+    return f"{common.table(rows, columns)}\nChosen: {found['rule']}.\n"
 
 if __name__ == "__main__":
-    common.main(__file__)
+    common.run("baseline")

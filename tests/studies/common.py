@@ -1,183 +1,230 @@
-"""What the studies share: the command line, where they write, tables and a stopwatch.
+"""What the studies share: the command line, files, tables, and walks to many goals.
 
-A study is a file with its DURATION in words and a function `study(sim)` that returns `Findings`.
-`main` runs it and writes them to runs/studies/<sim>/; only `--ship` copies them to results/<sim>/.
-What takes long is kept in runs/studies/<sim>/cache/, named after every setting it depends on:
-an interrupted study continues, a repeated one is quick. (Code is no part of the name: after
-changing it, delete the folder.)
+    python tests/studies/common.py     puts the tables of results/ into the pages that show them
 
-Most studies judge what is shipped. After a change of robot, walk or task therefore, each --ship:
-baseline, search, seeds, imu; then `05_evaluate.py --noise --far` for results/<sim>/; then all the
-others.
+A study is a file with DURATION, PARTS (functions that measure something and return plain numbers)
+`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png to
+runs/<sim>/studies/; `--out results/<sim>/studies` replaces the evidence, and git shows the change.
+A finished part is written before the next one begins; --only measures one part anew.
 """
 
 import contextlib
-import hashlib
 import json
-import shutil
 import sys
-import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
+from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[2]
-RUNS, RESULTS = ROOT / "runs" / "studies", ROOT / "results"
-if str(ROOT) not in sys.path:  # the autograder has put another folder before it
-    sys.path.insert(0, str(ROOT))
+RESULTS = ROOT / "results"
+sys.path.append(str(ROOT))  # the stages; a script finds only what is in its own folder
 robot_model = import_module("01_robot_model")
+walk_engine = import_module("02_walk_engine")
+env = import_module("03_env")
+ppo = import_module("04_ppo")
+evaluate = import_module("05_evaluate")
 
-class StudyError(ValueError):
-    """A study cannot be done; the message is one line that says why."""
-
-@dataclass
-class Findings:
-    """What a study has found."""
-
-    numbers: object  # plain values, for NAME.json
-    table: str  # Markdown, for NAME.md
-    figure: object = None  # for NAME.png
-    files: dict = field(default_factory=dict)  # what else to ship: name in results/<sim>/ -> file
-
+SEEDS = (0, 1, 2)  # of the trainings
+PER_SET = 500  # goals in a set
+STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
 # ------------------------------------------------------------------------ command line
 class StudyParser(robot_model.StageParser):
-    """A study takes two flags only; errors are one line with exit code 2, as in the stages."""
-
-    def __init__(self, prog, doc, duration):
-        takes = "; ".join(f"{sim}: {words}" for sim, words in duration.items())
-        ArgumentParser.__init__(self, prog, description=doc, epilog=f"Duration: {takes}.",
+    """The flags of every study; errors are one line with exit code 2, as in the stages."""
+    def __init__(self, study):
+        self.study = study
+        ArgumentParser.__init__(self, description=study.__doc__,
                                 formatter_class=RawDescriptionHelpFormatter)
         self.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
                           default="pymunk", help="3-D instead of the sagittal plane")
-        self.add_argument("--ship", action="store_true",
-                          help="also replace what is shipped in results/<sim>/")
+        self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/studies/")
 
-def main(file, argv=None):
-    """Runs the study in a file and writes its findings."""
-    name, started = Path(file).stem, sys.modules["__main__"]
-    if getattr(started, "__file__", None) == file:
-        del started.__file__  # or every process of a simulator would load it, and PyTorch with it
-    module = import_module(name)
-    parser = StudyParser(Path(file).name, module.__doc__, module.DURATION)
-    args = parser.parse(argv)
-    print(f"{name}, {args.sim}: {module.DURATION[args.sim]}", flush=True)
+    def start(self, argv=None):
+        """The arguments; says how long the study takes."""
+        args = self.parse(argv)
+        args.out = self.folder(args, Path("runs", args.sim, "studies"))
+        print(f"{self.study.__name__}, {args.sim}: {self.study.DURATION}", flush=True)
+        return args
+
+def main(name, argv=None):
+    """The command line of a study; it is imported by its name, as its own processes do."""
+    study = import_module(name)
+    parser = StudyParser(study)
+    parser.add_argument("--only", choices=study.PARTS, help="measure this part, leave the others")
+    args = parser.start(argv)
     try:
-        publish(name, args.sim, module.study(args.sim), args.ship)
-    except KeyboardInterrupt:
-        print("\ninterrupted: the same command continues", file=sys.stderr)
-        sys.exit(130)
-    except (StudyError, OSError) as error:
-        parser.error(" ".join(str(error).split()))
+        for part in [args.only] if args.only else study.PARTS:
+            publish(study, part, args)
+    except ppo.PolicyError as error:
+        parser.error(str(error))
 
-def publish(name, sim, findings, ship=False):
-    """Writes to runs/studies/<sim>/, and copies from there to results/<sim>/ only if told to."""
-    folder = RUNS / sim
-    write(folder / f"{name}.json", as_json(findings.numbers))
-    write(folder / f"{name}.md", findings.table)
-    made = {f"studies/{name}{end}": folder / f"{name}{end}" for end in (".json", ".md")}
-    if findings.figure is not None:
-        made[f"studies/{name}.png"] = folder / f"{name}.png"
-        robot_model.atomic_write(folder / f"{name}.png",
-                                 lambda file: findings.figure.savefig(file, dpi=110))
-        plt.close(findings.figure)
-    for target, source in findings.files.items():
-        made[target] = folder / target
-        copy(source, folder / target)
-    print(f"\n{findings.table}\nwritten:", *made.values(), sep="\n  ")
-    if ship:
-        for target, source in made.items():
-            copy(source, RESULTS / sim / target)
-        print("shipped:", *(RESULTS / sim / target for target in made), sep="\n  ")
+def run(name):
+    """What a study does as a script."""
+    robot_model.run(lambda: main(name))
 
+def publish(study, part, args):
+    """Measure a part of a study, then write what is known of all its parts.
+
+    NAME.json has the numbers by part; those of a study with one part, called "", directly.
+    """
+    path = args.out / f"{study.__name__}.json"
+    numbers = study.PARTS[part](args)
+    if part:
+        numbers = {**(read_json(path) if path.is_file() else {}), part: numbers}
+    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    evaluate.write_text(path, text)
+    found = json.loads(text)  # as when it is read later: keys are texts, tuples lists
+    table = study.table(found, args.sim)
+    evaluate.write_text(path.with_suffix(".md"), table)
+    if hasattr(study, "plot") and part == [*study.PARTS][0]:  # that is what it shows
+        robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
+    print(f"\n{table}\nwritten to {args.out}")
 
 # ------------------------------------------------------------------------ files
-def work(sim, *parts):
-    """Where that study's long work is kept; the folder is made."""
-    folder = RUNS.joinpath(sim, "cache", *parts)
+def read_json(path):
+    """The content of a file that a study, or stage 5, has written."""
+    return json.loads(path.read_text(encoding="utf-8"))
+
+def work(sim, study, training):
+    """The folder of a study's training; a finished one stays until you delete it."""
+    folder = Path("runs", sim, "studies", study, training)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
-def digest(*ingredients):
-    """Ten letters that change when anything changes that a result depends on."""
-    return hashlib.sha256(repr(ingredients).encode()).hexdigest()[:10]
-
-def write(path, text):
-    """The old file or the new one, never half of one; UTF-8 and plain line ends everywhere."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    robot_model.atomic_write(path, lambda file: file.write_bytes(text.encode("utf-8")))
-
-def copy(source, target):
-    """A file, with the folders it needs."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    robot_model.atomic_write(target, lambda file: shutil.copyfile(source, file))
-
-def as_json(content):
-    """Readable by a human, too; NaN would not be JSON."""
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-def read_json(path):
-    """The content of a file that another study, or stage 5, has written."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise StudyError(f"{path}: missing or damaged ({error})") from error
-
-
 # ------------------------------------------------------------------------ tables
+HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
+         "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
+         "over_baseline_tuned": "time ÷ baseline_tuned", "over_search": "time ÷ search",
+         "time_ratio": "time ÷ that without IMU", "seed": "training seed", "friction": "μ",
+         "factor": "size of steps", "change": "largest change", "bare": "bare physics",
+         "speed": "Δv [m/s]", "seconds": "training [s]", "quiet": "still there without noise"}
+
+def table(rows, columns):
+    """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
+    head = [HEADS.get(key, key.replace("_", " ")) for key in columns]
+    return markdown(head, [[cell(row, *column) for column in columns.items()] for row in rows])
+
+def sections(found, columns):
+    """A heading and a table of its rows for every part that is there; columns by part."""
+    return "\n".join(f"### {part}\n\n{table(found[part]['rows'], columns[part])}"
+                     for part in columns if part in found)
+
 def markdown(head, rows):
     """A table in Markdown, columns aligned."""
-    cells = [tuple(head), ("---",) * len(head), *[tuple(map(str, row)) for row in rows]]
+    cells = [head, ["---"] * len(head), *rows]
     widths = [max(map(len, column)) for column in zip(*cells)]
-    return "\n".join("| " + " | ".join(map(str.ljust, c, widths)) + " |" for c in cells) + "\n"
+    lines = [" | ".join(map(str.ljust, line, widths)) for line in cells]
+    return "".join(f"| {line} |\n" for line in lines)
 
-def number(value, digits):
-    """A number as text; None: there was nothing to measure."""
-    return "none" if value is None else f"{value:.{digits}f}"
+def cell(row, key, digits):
+    """A value of a row as text, with its 95 % interval if the row has one."""
+    value = row.get(key, "")
+    if value is None:
+        return "none"  # there was nothing to measure
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (str, int)):
+        return str(value)
+    text = f"{value:.{digits}f}"
+    if f"{key}_ci95" in row:
+        low, high = row[f"{key}_ci95"]
+        text += f" [{low:.{digits}f}, {high:.{digits}f}]"
+    return text
 
-def with_interval(row, key, digits=3):
-    """A number of a row and its 95 % interval, as text."""
-    low, high = row[f"{key}_ci95"]
-    return f"{row[key]:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+def dots(rows, by, share, title):
+    """A figure: a bar (mean) for every value of the key `by`, a dot for every training."""
+    names = list(dict.fromkeys(row[by] for row in rows))
+    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(names)), layout="constrained",
+                                sharey=True)
+    for axis, key in zip(axes, (share, "time_mean")):
+        for place, name in enumerate(names):
+            known = [row[key] for row in pick(rows, **{by: name}) if row[key] is not None]
+            axis.barh(place, np.mean(known or [0]), color="tab:blue", alpha=0.5)
+            axis.plot(known, [place] * len(known), "ko")
+        axis.set(xlabel=HEADS[key], yticks=range(len(names)), yticklabels=names)
+    figure.suptitle(title)
+    return figure
 
-def spread(values, digits):
-    """Mean (least … most) of the values that exist, as text."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return "never"
-    mean = sum(known) / len(known)
-    text = f"{mean:.{digits}f} ({min(known):.{digits}f} … {max(known):.{digits}f})"
-    return text + f", {len(values) - len(known)} never" * (len(known) < len(values))
+def pick(rows, **wanted):
+    """The rows with these values."""
+    return [row for row in rows if wanted.items() <= row.items()]
 
+# ------------------------------------------------------------------------ walks
+def opponents(sim):
+    """The planners of README's table that do not learn, by name."""
+    return {"baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
+            "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim]),
+            "search": evaluate.load_planner(ROOT / "tests" / "studies" / "search.py")}
 
-# ------------------------------------------------------------------------ stopwatch
-@dataclass
-class Stopwatch:
-    """Calls of a function: how often, how long together [s], and from when to when."""
+def policy(path, sim):
+    """The planner of a policy file."""
+    return evaluate.load_policy(path, sim)[0]
 
-    calls: int = 0
-    seconds: float = 0.0
-    first: float = None  # beginning of the first one, on the clock of time.perf_counter
-    last: float = None  # end of the last one
+def world(sim, **settings):
+    """`with` it: a FootstepWorld for `walks`."""
+    return contextlib.closing(env.FootstepWorld(PER_SET, sim, **settings))
 
-@contextlib.contextmanager
-def timed(owner, name):
-    """Meanwhile every call of owner.name is timed by the Stopwatch that is returned."""
-    original, watch = getattr(owner, name), Stopwatch()
+def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, friction=np.nan,
+          purpose="evaluation"):
+    """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
 
-    def call(*args, **kw):
-        begin = time.perf_counter()
-        result = original(*args, **kw)
-        watch.last = time.perf_counter()
-        watch.first = begin if watch.first is None else watch.first
-        watch.calls, watch.seconds = watch.calls + 1, watch.seconds + watch.last - begin
-        return result
+    README's table has seed 110, on the plane 0; the studies begin at 1.
+    """
+    parts, per_set = [], per_set or PER_SET
+    for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
+        trials = evaluate.draw_trials(seed, per_set, far, friction, purpose)
+        parts.append(evaluate.evaluate(planner, world, trials, noise))
+    return together(parts)
 
-    setattr(owner, name, call)
-    try:
-        yield watch
-    finally:
-        setattr(owner, name, original)
+def together(parts):
+    """The walks of all parts as one."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+def row_of(ended, name, noise=True, far=False):
+    """A row of stage 5's table, and the number of falls."""
+    row = evaluate.summary(name, noise, STD[far], ended, env.Task())
+    return row | {"falls": int((ended["outcome"] == "fall").sum())}
+
+def time_ratio(ended, reference, name):
+    """More of a row: time relative to another planner's, nothing without a common success."""
+    ratio, interval, goals = evaluate.time_ratio(ended, reference)
+    if not goals:
+        return {}
+    return {name: round(ratio, 4), f"{name}_ci95": [round(edge, 4) for edge in interval]}
+
+# ------------------------------------------------------------------------ pages
+def readme_table(rows):
+    """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
+    order, lines = ("policy", "baseline_tuned", "search", "baseline"), []
+    for far, std in STD.items():
+        for name in order[:2] if far else order:
+            row, = pick(rows, noise=True, goal_std_m=std, planner=name)
+            lines.append([f"{'far' if far else 'near'}, σ {std} m", f"`{name}`",
+                          cell(row, "success", 3), str(round(row["fall"] * row["episodes"])),
+                          cell(row, "time_mean", 1), cell(row, "still_there", 2)])
+    return markdown(["goals", "planner", "arrived and stayed [95 % interval]", "falls", "time [s]",
+                     "still there"], lines)
+
+def pasted(page, mark, table):
+    """The text of a page with this table behind its mark."""
+    begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
+    head, rest = page.read_text(encoding="utf-8").split(begin)
+    return head + begin + table + end + rest.split(end, 1)[1]
+
+def pages():
+    """{path: text as it should be} of the pages that show a table of results/."""
+    rows = read_json(RESULTS / "mujoco" / "evaluation.json")["rows"]
+    found = {ROOT / "README.md": pasted(ROOT / "README.md", "table", readme_table(rows))}
+    for sim in env.LIMITS:
+        page, table = RESULTS / sim / "README.md", RESULTS / sim / "table.md"
+        found[page] = pasted(page, "evaluation", table.read_text(encoding="utf-8"))
+    return found
+
+if __name__ == "__main__":
+    for path, text in pages().items():
+        evaluate.write_text(path, text)
+        print("written:", path)

@@ -1,64 +1,83 @@
-"""Does the IMU help where falls exist? Two policies, trained and judged while kicked; 3-D only.
+"""Where does the robot fall? Other grounds, other bodies, and pushes.
 
-    python tests/studies/kicks.py [--mujoco] [--ship]
+    python tests/studies/kicks.py --mujoco [--only worlds | pushes] [--out FOLDER]
 
-A kick pushes the torso for 50 ms, in a random horizontal direction, at a random moment of a double
-step, with the impulse that alone would make the torso faster by Δv; on average one every 3 s. In
-training Δv is drawn from 0 to 0.4 m/s. Three short trainings of each kind, then 500 far noisy goals
-for each of them at each of five fixed Δv. The kicks are drawn from generators of the trial
-(`PURPOSES` of stage 3): all planners meet the same. The IMU is read between double steps; so the
-table also says how many falls begin and end in one: kicked and down before anything could be felt.
+worlds: three shipped planners, near and far goals with noise. No planner observes the world. (The
+two worlds on static friction came last, to find out why the bare model falls more than the drawn
+ones.)
+
+pushes, 3-D only: three short trainings with IMU and three without, trained and judged while they
+are pushed. A push acts on the torso for 50 ms, in a random horizontal direction, at a random moment
+of a double step; alone it would make the torso faster by Δv. On average there is one every 3 s.
+They are drawn from generators of the trial, so all planners meet the same.
 """
 
 import common
-import kept
 import numpy as np
-from kept import env, ppo, robot_model
+from common import SEEDS, env, ppo, robot_model
 
-DURATION = {"pymunk": "it needs --mujoco", "mujoco": "about an hour on two cores"}
-STEPS = 250_000  # double steps of a training: enough to arrive, see budget.py
-SEEDS = kept.SEEDS  # of the trainings with and without IMU
-SETS = 1  # of 500 far goals
+DURATION = "worlds: 10 minutes on two cores; 3-D: 20, and 60 for the pushes"
+
+# ------------------------------------------------------------------------ other worlds
+class Soft(env.Spread):
+    """Every motor has 2/3 of the stiffness it would have drawn."""
+    def draw(self, rngs, robot):
+        body = super().draw(rngs, robot)
+        body.stiffness = body.stiffness * 2 / 3
+        return body
+
+WORLDS = {  # spread, and friction if it is not drawn
+    "as trained": (env.Spread(), np.nan),
+    "μ = 0.3 (trained: 0.4 to 1.0)": (env.Spread(), 0.3),
+    "μ = 1.2": (env.Spread(), 1.2),
+    "masses ± 20 % (± 10 %)": (env.Spread(mass=0.2), np.nan),
+    "2/3 of the motors' stiffness": (Soft(), np.nan),
+    "no static friction in the joints": (env.Spread(stiction=0.0), np.nan),
+    "nothing but static friction": (env.Spread(0, 0, 0, delay=0), np.nan),
+    "no spread at all: the model, μ = 0.7": (env.Spread(0, 0, 0, 0, 0), np.nan),
+}
+
+def study_worlds(args):
+    """Rows of every planner in every world."""
+    planners = {"policy": common.policy(common.RESULTS / args.sim / "policy.pt", args.sim)}
+    planners |= common.opponents(args.sim)
+    rows = []
+    for title, (spread, friction) in WORLDS.items():
+        with common.world(args.sim, spread=spread) as world:
+            for far in (False, True):
+                for name in ("policy", "baseline_tuned", "search"):
+                    ended = common.walks(planners[name], world, True, far, 2, friction=friction)
+                    rows.append({"world": title, **common.row_of(ended, name, True, far)})
+    return {"goals": 2 * common.PER_SET, "rows": rows}
+
+# ------------------------------------------------------------------------ pushes
+STEPS = 250_000  # double steps of a training: enough to arrive
 SPEEDS = (0.0, 0.1, 0.2, 0.3, 0.4)  # Δv [m/s]; trained: anything up to the last one
-AFTER = ("in the kick's double step", "in the next one", "later")
-BETWEEN, LASTS = 3.0, 0.05  # [s] mean time between kicks, and of a kick
+BETWEEN, LASTS = 3.0, 0.05  # [s] mean time between pushes, and of a push
 
 class KickedSim(robot_model.MujocoSim):
-    """Robots of a world that are kicked; Δv is drawn between two values [m/s]."""
-
+    """Robots of a world that are pushed; Δv is drawn between two values [m/s]."""
     def __init__(self, world, low, high):
         engine, count = world.engine, len(world.rng)
         super().__init__(count, engine.stance, engine.robot, min(robot_model.CORES, count))
         self.dice, self.low, self.high, self.period = world.dice, low, high, engine.period
         self.threads, self.pool = self.pool, self  # `run` calls the rollout below
         self.torso = self.model.body("torso").id
-        self.since = np.full(count, 999)  # [N] double steps since the last kick; 0: in this one
-        self.at_fall = self.since.copy()  # the same, when it fell last
-
-    def reset(self, robots, body=None):
-        """See `MujocoSim`."""
-        super().reset(robots, body)
-        if hasattr(self, "since"):  # not yet when it is built
-            self.since[robots] = 999
 
     def run(self, trajectory, robots):
         """See `MujocoSim`."""
-        self.kicked = np.asarray(robots)
-        self.since[self.kicked] += 1
-        motion = super().run(trajectory, robots)
-        fell = self.kicked[motion.fell]
-        self.at_fall[fell] = self.since[fell]
-        return motion
+        self.running = robots
+        return super().run(trajectory, robots)
 
     def forces(self, robots, steps):
         """On the torso [n, steps, 2] (x, y) [N] in every physics step of a double step."""
-        # Four numbers for every double step, kick or not: so the later ones stay the same.
+        # Always four numbers, with or without a push: so the later ones stay the same.
         dice = np.array([self.dice[i]["kicks"].random(4) for i in robots])  # [n, 4]
         lasts = round(LASTS / self.model.opt.timestep)  # [steps]
         speed = self.low + dice[:, 1] * (self.high - self.low)  # [n] Δv
-        # F = m·Δv / duration, with probability period / mean time between kicks
-        force = self.robot.torso.mass * speed / LASTS * (dice[:, 0] < self.period / BETWEEN)
-        self.since[robots[force > 0]] = 0
+        # F = m·Δv / duration, with probability period / mean time between pushes
+        force = self.robot.torso.mass * speed / LASTS
+        force = np.where(dice[:, 0] < self.period / BETWEEN, force, 0)
         begin = np.floor(dice[:, 2] * (steps - lasts + 1)).astype(int)  # it ends within
         since = np.arange(steps) - begin[:, None]  # [n, steps]
         angle = 2 * np.pi * dice[:, 3]
@@ -68,9 +87,10 @@ class KickedSim(robot_model.MujocoSim):
     def rollout(self, models, data, start, control):
         """MuJoCo's, with forces and torques on all bodies [n, S, 6·bodies] after the controls."""
         kinds = self.mujoco.mjtState
-        outer = np.zeros((*control.shape[:2], self.model.nbody, 6))
-        outer[:, :, self.torso, :2] = self.forces(self.kicked, control.shape[1])
-        both = np.concatenate([control, outer.reshape(*control.shape[:2], -1)], -1)
+        n, steps, _ = control.shape
+        outer = np.zeros((n, steps, self.model.nbody, 6))
+        outer[:, :, self.torso, :2] = self.forces(self.running, steps)
+        both = np.concatenate([control, outer.reshape(n, steps, -1)], -1)
         spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_XFRC_APPLIED)
         return self.threads.rollout(models, data, start, both, control_spec=spec)
 
@@ -79,102 +99,54 @@ class KickedSim(robot_model.MujocoSim):
         self.threads.close()
 
 def kicked(world, low, high):
-    """The same world, but its robots are kicked from now on."""
-    world.sim.close()
+    """The same world, but its robots are pushed from now on."""
+    world.close()
     world.sim = KickedSim(world, low, high)
+    world.close = world.sim.close
     return world
 
-class KickedTrials(kept.Trials):
-    """Trials with kicks of one Δv [m/s]."""
-
-    def __init__(self, speed):
-        super().__init__("mujoco")
-        self.speed = speed
-
-    def run(self, planner, key, *args, **kw):
-        """See `kept.Trials`."""
-        return super().run(planner, (key, "kicks, since", self.speed, BETWEEN, LASTS), *args, **kw)
-
-    def measure(self, *args):
-        """See `kept.Trials`; and, for every fall, how many double steps ago the last kick was."""
-        ended = super().measure(*args)
-        fell = np.flatnonzero(ended["outcome"] == "fall")
-        return ended | {"since_kick": self.world.sim.at_fall[fell]}
-
-    def make_world(self):
-        """The world, when the first trial needs it."""
-        if self.world is None:
-            kicked(super().make_world(), self.speed, self.speed)
-        return self.world
-
-def train(seed, imu):
-    """The policy file of a training with kicks."""
-    fits, cfg = env.fingerprint("mujoco", imu), ppo.PPOConfig()
-    settings = fits, env.Task(), robot_model.RobotModel(), robot_model.Spread(), cfg
-    name = common.digest(*settings, STEPS, SPEEDS[-1], BETWEEN, LASTS)
-    out = common.work("mujoco") / f"kicks{'_imu' * imu}_{seed}_{name}"
+def train(name, seed):
+    """The policy of a training with pushes; an interrupted one goes on."""
+    folder = common.work("mujoco", "kicks", f"{name}_{seed}")
+    imu = name == "policy_imu"
 
     def make_envs(num_envs):
         envs = env.FootstepVectorEnv(num_envs, "mujoco", noise=True, imu=imu)
         kicked(envs.world, 0.0, SPEEDS[-1])
         return envs
 
-    if not (out / "policy.pt").is_file():
-        kept.learn(out, cfg, make_envs, STEPS, seed,
-                   about={"fits": fits, "imu": imu, "noise": True})
-    return out / "policy.pt"
+    if not (folder / "policy.pt").is_file():
+        about = {"fits": env.fingerprint("mujoco", imu), "imu": imu, "noise": True}
+        ppo.train(ppo.PPOConfig(), make_envs, folder, STEPS, seed, about,
+                  resume=(folder / "checkpoint.pt").is_file())
+    return common.policy(folder / "policy.pt", "mujoco")
 
-def study(sim):
+def study_pushes(args):
     """Both kinds of policies at every Δv."""
-    if sim != "mujoco":
-        raise common.StudyError("a planar robot cannot be kicked sideways: add --mujoco")
-    planners = {name: [kept.policy(train(seed, imu), sim) for seed in SEEDS]
-                for name, imu in (("policy", False), ("policy_imu", True))}
-    rows, lines = [], []
+    if args.sim != "mujoco":
+        raise ppo.PolicyError("a planar robot cannot be pushed sideways: add --mujoco")
+    kinds = {name: [train(name, seed) for seed in SEEDS] for name in ("policy", "policy_imu")}
+    rows = []
     for speed in SPEEDS:
-        trials, line, plain = KickedTrials(speed), [f"{speed:.1f}"], None
-        for name, own in planners.items():
-            parts = [trials.run(*planner, True, count=SETS, far=True) for planner in own]
-            ended = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-            row = {"speed": speed, **kept.row_of(ended, name, True, far=True)}
-            counts = np.bincount(np.minimum(ended["since_kick"], 2), minlength=3).tolist()
-            row["falls_after"] = dict(zip(AFTER, counts))
-            if plain:
-                row |= kept.time_ratio(ended, plain, "time_ratio")
-            plain = ended
+        with common.world(args.sim) as world:
+            kicked(world, speed, speed)
+            walks = {name: common.together([common.walks(planner, world, True, far=True, sets=1)
+                                            for planner in planners])
+                     for name, planners in kinds.items()}
+        for name, ended in walks.items():
+            row = {"speed": speed, **common.row_of(ended, name, True, far=True)}
+            if name == "policy_imu":
+                row |= common.time_ratio(ended, walks["policy"], "time_ratio")
             rows.append(row)
-            line += [common.with_interval(row, "fall"), ", ".join(map(str, counts)),
-                     common.number(row["time_mean"], 2)]
-        lines.append([*line, common.with_interval(row, "time_ratio")
-                      if "time_ratio" in row else ""])
-        trials.close()
-    head = ["Δv [m/s]", *(f"{name}: {what}" for name in planners
-                          for what in ("fall [95 % interval]", "of them in the kick's double step, "
-                                       "in the next one, later", "time [s]")),
-            "time with IMU ÷ without"]
-    content = {"steps": STEPS, "seeds": SEEDS, "walks": len(SEEDS) * SETS * kept.PER_SEED,
-               "rows": rows}
-    return common.Findings(content, common.markdown(head, lines), plot(rows, planners))
+    return {"steps": STEPS, "walks": len(SEEDS) * common.PER_SET, "rows": rows}
 
-def plot(rows, names):
-    """Falls and time over the strength of the kicks."""
-    figure, axes = common.plt.subplots(1, 2, figsize=(9, 3.9), layout="constrained")
-    for shift, name in enumerate(names):
-        own = [row for row in rows if row["planner"] == name]
-        x, kw = np.array(SPEEDS) + 0.004 * shift, {"color": kept.COLORS[name], "label": name}
-        axes[0].plot(x, [row["fall"] for row in own], f"{kept.MARKERS[name]}-", **kw)
-        axes[0].vlines(x, *np.transpose([row["fall_ci95"] for row in own]), alpha=0.4,
-                       color=kept.COLORS[name])
-        axes[1].plot(x, np.array([row["time_mean"] for row in own], float),
-                     f"{kept.MARKERS[name]}-", **kw)
-    axes[0].set(title="falls; lines: 95 % intervals", ylabel="share of walks [1]")
-    axes[1].set(title="time of successes", ylabel="mean [s]", ylim=(0, 1.1 * axes[1].get_ylim()[1]))
-    for axis in axes:
-        axis.set(xlabel="Δv of the torso in a kick [m/s]")
-        axis.grid(alpha=0.3)
-    axes[0].legend()
-    figure.suptitle(f"A kick every {BETWEEN:.0f} s, far goals, noise")
-    return figure
+PARTS = {"worlds": study_worlds, "pushes": study_pushes}
+
+def table(found, sim):
+    """Markdown, all with noise."""
+    columns = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
+    return common.sections(found, {"worlds": {"world": 0, "goal_std_m": 1} | columns,
+                                   "pushes": {"speed": 1} | columns | {"time_ratio": 3}})
 
 if __name__ == "__main__":
-    common.main(__file__)
+    common.run("kicks")

@@ -1,13 +1,15 @@
-"""How far does pure search get? And what does it cost to be blind to dynamics?
+"""How far does search get that treats double steps as independent of one another?
 
-    python tests/studies/search.py [--mujoco] [--ship]
+    python 05_evaluate.py --noise --planner tests/studies/search.py    the planner, beside others
+    python tests/studies/search.py [--mujoco] [--out FOLDER]           a new map for it
 
-The planner `search` of stage 5 with step sizes of 20 % to all that the limits allow, and with a
-largest change from one double step to the next: every combination on 200 noisy tuning trials, half
-of them far. The five best in time, falls and time-outs are walked again on 2,000 others. Kept is
-the fastest with at most 0.5 % falls that stays; if none does, the fastest with so few falls; if
-there is none either, the one that falls least (search.npz; the "rule" in search.json says which it
-was). The figure shows all of them beside all the carrots that the study `baseline` has tried.
+The worked example of a planner of one's own, `Planner`. It takes the double step after which the
+fewest are left. How many are left is a map V of all poses around the goal. The script works it out
+once, from the goal outwards, by dynamic programming: the answer of the paper's references [3] and
+[4], A*, for all starts at once. Left out is how the robot moves when a double step begins: a long
+one after a short one may end in a fall. So the script tries sizes of steps, and largest changes
+from one to the next, as `baseline.py` tries its settings. It writes the map of the best to
+search.npz in the folder above the table. The planner reads results/<sim>/search.npz.
 """
 
 import json
@@ -15,30 +17,31 @@ import math
 
 import baseline
 import common
-import kept
 import numpy as np
-from kept import env, evaluate, robot_model
-from tqdm import tqdm
+from common import env, ppo, robot_model, walk_engine
 
-DURATION = {"pymunk": "about 10 minutes on two cores", "mujoco": "about 20 minutes on two cores"}
-FACTORS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # [-] on the limits of a step
-CHANGES = (0.1, 0.2, 0.35, 1.0)  # [share of limits] from one double step to the next; 1: any
-WALKS, FINALISTS = 100, 5
+CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of poses
+HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
+FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
+# ------------------------------------------------------------------------ the map
 def double_steps(limits, factor=1.0):
     """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
 
     8 lengths × 5 sideways × 7 turns, within the limits times a factor.
     """
     low, high = factor * np.array(limits.low), factor * np.array(limits.high)
-    x, side, turn = np.linspace(low[0], high[0], 8), np.linspace(-1, 1, 5), np.linspace(-1, 1, 7)
-    x, side, turn = np.stack(np.meshgrid(x, side, turn, indexing="ij"), -1).reshape(-1, 3).T
+    lengths = np.linspace(low[0], high[0], 8)
+    shares = np.meshgrid(lengths, np.linspace(-1, 1, 5), np.linspace(-1, 1, 7), indexing="ij")
+    x, side, turn = np.stack(shares, -1).reshape(-1, 3).T  # [A − 1] each
     steps = np.zeros((len(x) + 1, 2, 3))
     steps[1:, :, 0] = x[:, None]
-    for axis, share in ((1, side), (2, turn)):  # the left foot outward, the right one inward
-        for foot, s in enumerate((share, -share)):
-            steps[1:, foot, axis] = np.maximum(s, 0) * high[axis] + np.maximum(-s, 0) * low[axis]
-    return evaluate.walk_engine.within(steps, limits)
+    for axis, share in ((1, side), (2, turn)):
+        # To the left: the left foot goes outward, the right one inward, by the same share.
+        for foot, outward in enumerate((share, -share)):
+            largest = np.where(outward > 0, high[axis], -low[axis])
+            steps[1:, foot, axis] = outward * largest
+    return env.within(steps, limits)
 
 def displacements(sim, steps):
     """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
@@ -47,14 +50,17 @@ def displacements(sim, steps):
     in a row. Also returns which of them stood, bool [A].
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
-    n, spread, friction = len(plans), robot_model.Spread(), robot_model.RobotModel().friction
-    body = robot_model.Body(np.full(n, friction), np.ones((n, 9)), np.ones((n, 12)),
-                            np.full((n, 12), spread.stiction / 2),
-                            np.repeat([0, spread.delay], len(steps)))
-    poses, _, fall = evaluate.walk_engine.walk(sim, evaluate.walk_engine.TUNED[sim], plans, body)
+    n, spread = len(plans), env.Spread()
+    body = robot_model.Body(
+        friction=np.full(n, robot_model.RobotModel().friction),
+        mass=np.ones((n, 9)),
+        stiffness=np.ones((n, 12)),
+        stiction=np.full((n, 12), spread.stiction / 2),
+        delay=np.repeat([0, spread.delay], len(steps)))
+    poses, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body)
     moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [2·A, 4, 3]
-    return (moved.reshape(2, len(steps), 4, 3).mean((0, 2)),
-            (fall == 6).reshape(2, len(steps)).all(0))
+    mean = moved.reshape(2, len(steps), 4, 3).mean((0, 2))
+    return mean, (fall == 6).reshape(2, len(steps)).all(0)
 
 def steps_to_go(moves, task):
     """How many double steps it takes to the goal, from every pose around it: dynamic programming.
@@ -64,113 +70,155 @@ def steps_to_go(moves, task):
 
         V = 0 at the goal,   V(pose) = 1 + min over moves of V(pose after the move)
 
-    repeated until nothing changes. Between the cells V is linear in x, y and yaw. It is the paper's
-    A* for all starts at once, as it begins at the goal.
+    repeated until nothing changes. Between the cells V is linear in x, y and yaw. Beyond the map
+    the goal is out of reach, V = FAR.
     """
-    cell, turn_cell = evaluate.CELL, evaluate.TURN  # [m], [rad]
-    half, turns, far = evaluate.HALF, evaluate.TURNS, evaluate.FAR
-    axis = cell * np.arange(-half, half + 1)
-    yaws = turn_cell * np.arange(turns)
+    axis = CELL * np.arange(-HALF, HALF + 1)  # [m]
+    yaws = TURN * np.arange(TURNS)  # [rad]
     near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-9
-    goal = near & (np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-9)[:, None, None]
-    value = np.where(goal, 0.0, far).astype(np.float32)
-    pad = math.ceil(np.abs(moves[:, :2]).max() * math.sqrt(2) / cell) + 1  # cells beyond the map
+    turned = np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-9
+    goal = near & turned[:, None, None]  # [TURNS, x, y]
+    value = np.where(goal, 0.0, FAR).astype(np.float32)
+    longest = np.abs(moves[:, :2]).max() * math.sqrt(2)  # [m] along x or y, however it is turned
+    pad = math.ceil(longest / CELL) + 1  # cells beyond the map
     while True:
-        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=far)
-        best = np.full_like(value, far)
+        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=FAR)
+        best = np.full_like(value, FAR)
         for k, yaw in enumerate(yaws):
             for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
-                # Seen from the goal, a move shifts all the poses of one yaw alike.
-                (i, j), (u, v) = np.divmod(move / cell, 1)  # whole cells, and what is left
-                m, w = divmod(k + turn / turn_cell, 1)
-                x, y = (slice(int(c) + pad, int(c) + pad + 2 * half + 2) for c in (i, j))
-                part = ((1 - w) * border[int(m) % turns, x, y]
-                        + w * border[int(m + 1) % turns, x, y])
+                # Seen from the goal, a move shifts all the poses of one yaw alike: by whole cells
+                # (i, j, m), and by shares (u, v, w) of the next cell.
+                (i, j), (u, v) = np.divmod(move / CELL, 1)
+                m, w = divmod(k + turn / TURN, 1)
+                x = slice(int(i) + pad, int(i) + pad + 2 * HALF + 2)
+                y = slice(int(j) + pad, int(j) + pad + 2 * HALF + 2)
+                this, following = border[int(m) % TURNS, x, y], border[int(m + 1) % TURNS, x, y]
+                part = (1 - w) * this + w * following
                 part = (1 - u) * part[:-1] + u * part[1:]
-                np.minimum(best[k], (1 - v) * part[:, :-1] + v * part[:, 1:], out=best[k])
-        better = np.where(goal, 0.0, np.minimum(best + 1, far)).astype(np.float32)
+                part = (1 - v) * part[:, :-1] + v * part[:, 1:]
+                np.minimum(best[k], part, out=best[k])
+        better = np.where(goal, 0.0, np.minimum(best + 1, FAR)).astype(np.float32)
         if np.abs(better - value).max() < 0.01:
             return better
         value = better
 
-def save(path, sim, factor, change, table):
-    """(steps, moves, value) as a small file: the differences of V, in twentieths of a step."""
-    steps, moves, value = table
+def look_up(value, poses):
+    """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells.
+
+    V [TURNS, 2·HALF + 1, 2·HALF + 1], over yaw, x and y: how many double steps are left from there;
+    see `steps_to_go`. Beyond the map it is that of its edge. After the last yaw comes the first.
+    """
+    edge = CELL * HALF - 1e-6
+    x, y = (np.clip(poses[..., k], -edge, edge) / CELL + HALF for k in (0, 1))  # [cells]
+    yaw = poses[..., 2] / TURN
+    i, j, k = (np.floor(c).astype(int) for c in (x, y, yaw))
+    u, v, w = x - i, y - j, yaw - k  # how far towards the next cell, 0 to 1
+    total = 0.0
+    for a, b, c in np.ndindex(2, 2, 2):  # the eight corners of the cell
+        share_x = u if a else 1 - u
+        share_y = v if b else 1 - v
+        share_yaw = w if c else 1 - w
+        corner = value[(k + c) % TURNS, i + a, j + b]
+        total = total + share_x * share_y * share_yaw * corner
+    return total
+
+# ------------------------------------------------------------------------ the planner
+class Planner:
+    """Takes the double step after which the fewest are left."""
+    def __init__(self, known=None):
+        self.known = known  # as of `read_map`; None: the shipped one
+
+    def reset(self, num_robots):
+        """There is nothing to reset."""
+
+    def act(self, view, robots, measured):
+        """Actions [n, 6] for the goals [n, 3] as n robots measured them."""
+        if self.known is None:
+            self.known = read_map(view.limits)  # they tell the simulator
+        steps, moves, value, largest_change = self.known
+        actions = env.to_action(steps, view.limits)  # [A, 6]
+        pose = robot_model.relative(measured, np.zeros(3))  # [n, 3] of the robot, from the goal
+        # Beyond the map: as if it stood at the edge, in the same direction. A move may lead
+        # further out, along a diagonal by √2 more.
+        edge = CELL * HALF - np.abs(moves[:, :2]).max() * math.sqrt(2)  # [m]
+        pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
+        left = look_up(value, robot_model.compose(pose[:, None], moves))  # [n, A]
+        # What was done last may be done again. What differs from it too much costs up to a hundred
+        # double steps, more than any way on the map: it is done if nothing else is left.
+        change = np.abs(view.actions[:, :1] - actions).max(-1)  # [n, A]
+        left = left + 100 * np.maximum(0, change - largest_change)
+        return actions[left.argmin(1)]
+
+def read_map(limits):
+    """The shipped map of the simulator with these step limits; else a PolicyError of one line.
+
+    steps [A, 2, 3]: the double steps that stood; moves [A, 3]: where they take the robot; V; how
+    far an action may be from the last one [share of limits].
+    """
+    sim = next((sim for sim, known in env.LIMITS.items() if known == limits), None)
+    path = common.RESULTS / f"{sim}" / "search.npz"
+    if not path.is_file():
+        raise ppo.PolicyError(f"{path}: no such file; tests/studies/search.py makes it")
+    with np.load(path) as file:
+        about, steps, moves = json.loads(str(file["about"])), file["steps"], file["moves"]
+        # Its numbers are differences along x, in twentieths of a double step: they compress well.
+        value = np.cumsum(file["parts"], axis=2, dtype=np.float32) / 20
+    wanted = json.loads(json.dumps(env.fingerprint(sim)))  # tuples become lists
+    if mismatch := ppo.difference(about["fits"], wanted):
+        raise ppo.PolicyError(f"{path}: made for another walk, so run search.py: {mismatch}")
+    return steps, moves, value, about["change"]
+
+def write_map(path, sim, factor, known):
+    """The file for `read_map`."""
+    steps, moves, value, change = known
     about = {"fits": env.fingerprint(sim), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
-    common.robot_model.atomic_write(path, lambda file: np.savez_compressed(
+    robot_model.atomic_write(path, lambda file: np.savez_compressed(
         file, about=json.dumps(about), steps=steps, moves=moves, parts=parts))
 
-def table(sim, factor):
-    """(steps, moves, value) for step sizes up to that factor; kept."""
-    limits = evaluate.walk_engine.LIMITS[sim]
-    key = common.digest(env.fingerprint(sim), factor, evaluate.CELL, evaluate.TURN, evaluate.HALF)
-    path = common.work(sim, "search") / f"{key}.npz"
-    if not path.is_file():
-        steps = double_steps(limits, factor)
-        moves, stood = displacements(sim, steps)
-        value = steps_to_go(moves[stood], env.Task())
-        save(path, sim, factor, 1.0, (steps[stood], moves[stood], value))
-    with np.load(path) as stored:
-        planner = evaluate.load(path, sim)[1]
-        return stored["steps"], stored["moves"], planner.value
+# ------------------------------------------------------------------------ how large steps may be
+DURATION = "10 minutes on two cores; 3-D: 20 minutes"
+FACTORS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # [-] on the limits of a step
+CHANGES = (0.1, 0.2, 0.35, 1.0)
+WALKS, FINALISTS = 100, 5  # near walks and as many far ones; combinations that are walked again
 
-def planner(sim, factor, change):
-    """The planner, and what it depends on."""
-    limits = evaluate.walk_engine.LIMITS[sim]
-    steps, moves, value = table(sim, factor)
-    key = "search", factor, change, moves.tobytes()
-    return evaluate.SearchPlanner(steps, moves, value, limits, change), key
+def make_map(sim, factor):
+    """steps, moves, V of double steps up to that share of the limits, as exact as in the file."""
+    steps = double_steps(env.LIMITS[sim], factor)
+    moves, stood = displacements(sim, steps)
+    value = np.round(20 * steps_to_go(moves[stood], env.Task())) / 20
+    return steps[stood], moves[stood], value
 
-def study(sim):
+def study(args):
     """The grid, then the finalists."""
-    trials, tried = kept.Trials(sim), []
-    for factor in FACTORS:
-        for change in tqdm(CHANGES, desc=f"factor {factor}", leave=False):
-            ended = baseline.both(trials, planner(sim, factor, change), True, 1, 1, WALKS)
-            tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
-    paper = baseline.final(trials, kept.baseline(baseline.Settings()))
-    tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
-    rows = []
-    for row in tried[:FINALISTS]:
-        own = planner(sim, row["factor"], row["change"])
-        rows.append(row | {"planner": own, **baseline.final(trials, own)})
-    best, rule = baseline.choose(trials, rows, paper)
-    trials.close()
-    file = common.work(sim) / "search.npz"
-    save(file, sim, best["factor"], best["change"], table(sim, best["factor"]))
-    lines = [[row["factor"], row["change"], f"{row['fall']:.4f}", f"{row['timeout']:.4f}",
-              common.number(row["time"], 2), common.number(row["still_there"], 3),
-              f"{row['quiet']:.3f}" if "quiet" in row else "", "chosen" * (row is best)]
-             for row in rows]
-    head = ["step size", "largest change", "fall", "timeout", "time [s]", "still there",
-            "without noise", ""]
-    content = {"trials": 2 * baseline.SETS * kept.PER_SEED, "rule": rule, "tried": tried,
-               "finalists": [{key: row[key] for key in row if key != "planner"} for row in rows]}
-    return common.Findings(content, common.markdown(head, lines), plot(tried, sim, best),
-                           {"search.npz": file})
+    tried, planners = [], {}
+    with common.world(args.sim) as world:
+        for factor in FACTORS:
+            found = make_map(args.sim, factor)
+            for change in CHANGES:
+                planner = planners[factor, change] = Planner((*found, change))
+                ended = baseline.both(world, planner, True, 1, 1, WALKS)
+                tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
+        paper = baseline.final(world, common.opponents(args.sim)["baseline"])
+        tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
+        rows = []
+        for row in tried[:FINALISTS]:
+            planner = planners[row["factor"], row["change"]]
+            rows.append(row | {"planner": planner, **baseline.final(world, planner)})
+        best, rule = baseline.choose(world, rows, paper)
+    path = args.out.parent / "search.npz"
+    write_map(path, args.sim, best["factor"], best["planner"].known)
+    print("written:", path)
+    return {"trials": 2 * baseline.SETS * common.PER_SET, "rule": rule, "tried": tried,
+            "finalists": baseline.plain(rows, best)}
 
-def plot(tried, sim, best):
-    """Falls against time, every setting a dot; best: the one that was kept."""
-    figure, axis = common.plt.subplots(figsize=(7, 4.5), layout="constrained")
-    carrots = common.read_json(common.RUNS / sim / "baseline.json")["tried"]
-    for rows, name in ((carrots, "baseline_tuned"), (tried, "search")):
-        known = [(row["time"], row["fall"]) for row in rows if row["time"] is not None]
-        label = f"{name}: {len(known)} settings"
-        axis.plot(*np.transpose(known), kept.MARKERS[name], ms=8, mew=2, color=kept.COLORS[name],
-                  label=label, alpha=0.7)
-    kept_one = next(row for row in tried
-                    if all(row[key] == best[key] for key in ("factor", "change")))
-    axis.plot(kept_one["time"], kept_one["fall"], "o", ms=15, mfc="none", mec="black",
-              label="the search that was kept")
-    axis.axhline(baseline.MAX_FALLS, color="0.6", lw=1, label="0.5 % falls")
-    axis.set(xlabel="mean time of the successes [s]", ylabel="share of walks that fell [1]",
-             title=f"What it costs to be fast, and blind ({sim})")
-    axis.set_yscale("symlog", linthresh=0.01)
-    axis.set_ylim(-0.002, 1)
-    axis.grid(alpha=0.3)
-    figure.legend(loc="outside lower center", ncols=2, fontsize=9)
-    return figure
+PARTS = {"": study}
+
+def table(found, sim):
+    """The finalists, then all that were tried."""
+    columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
+    finalists = common.table(found["finalists"], columns | {"quiet": 3, "chosen": 0})
+    return f"{finalists}\nChosen: {found['rule']}.\n\n{common.table(found['tried'], columns)}"
 
 if __name__ == "__main__":
-    common.main(__file__)
+    common.run("search")

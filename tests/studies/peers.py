@@ -1,0 +1,126 @@
+"""Do other implementations of PPO learn the same? Stable-Baselines3, and RLlib as a recipe.
+
+    python -m pip install stable-baselines3==2.9.2
+    python tests/studies/peers.py [--mujoco] [--out FOLDER]
+
+Ours and theirs with the same Gaussian policy, clipped, network, settings and 64 robots. Ours starts
+all episodes anew after every 10th update, theirs never. If ours is right, the ranges of their seeds
+overlap. (Two equal ones fail that in one case of ten.)
+
+RLlib (the rows "RLlib": three trainings by this recipe) is for several machines. It needs another
+Gymnasium: `python -m pip install "ray[rllib]==2.60.0"` in a virtual environment of its own. Its
+processes import the stages anew: `ray.init(runtime_env={"env_vars": {"PYTHONPATH": this folder}})`,
+`register_env("footsteps", lambda settings: import_module("03_env").FootstepEnv(**settings))`. Take
+our settings as below, two `num_env_runners` with eight robots each, `use_kl_loss=False` and
+`vf_clip_param=inf`. Its first policy has a standard deviation of half of the actions' range: after
+70,000 double steps it still fell in 73 % of the walks. So set, in the weights of its last layer,
+the bias to the neutral action (on its scale −1 to 1) and to ln σ, and multiply the rest by 0.01. On
+a cluster: start Ray there, with this folder at the same place on every machine; set RAY_ADDRESS.
+"""
+
+from dataclasses import replace
+from functools import partial
+from time import perf_counter
+from types import SimpleNamespace
+
+import ablations
+import common
+import numpy as np
+from common import SEEDS, env, evaluate, ppo
+
+try:
+    import stable_baselines3
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError:  # `study_sb3` says so
+    stable_baselines3, VecEnv = None, object
+
+torch = ppo.torch
+DURATION = "10 minutes on two cores; 3-D: 20"
+STEPS = 100_000  # double steps of a training
+CFG = replace(ppo.PPOConfig(), sharpest=1.0)
+UPDATE = CFG.num_envs * CFG.rollout  # double steps
+LOG_STD = float(-0.5 * np.log(4 * (CFG.first_concentration + 1)))  # as in `GaussianActor`
+
+def row_of(kind, seed, begin, decide, sim):
+    """The row of a training; decide: observations [n, 20] -> actions [n, 6]."""
+    seconds = round(perf_counter() - begin, 1)
+    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide))
+    return {"kind": kind, "seed": seed, "seconds": seconds, **ablations.judged(planner, sim)}
+
+class SameRobots(VecEnv):
+    """Our vector environment as theirs: a list of infos, the last observation among them."""
+    def __init__(self, envs):
+        self.envs = envs
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+
+    def reset(self):
+        return self.envs.reset(seed=self._seeds[0])[0]
+
+    def step_async(self, actions):
+        self.actions = actions
+
+    def step_wait(self):
+        obs, reward, terminated, truncated, info = self.envs.step(self.actions)
+        infos = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(terminated | truncated):
+            infos[i] = {"terminal_observation": info["final_obs"][i],
+                        "TimeLimit.truncated": bool(truncated[i])}
+        return obs, reward.astype(np.float32), terminated | truncated, infos
+
+    def close(self):
+        self.envs.close()
+
+    def get_attr(self, attr_name, indices=None):
+        return [None for _ in self._get_indices(indices)]  # the render_mode
+
+    def env_is_wrapped(self, wrapper_class, indices=None):
+        return [False for _ in self._get_indices(indices)]
+
+    set_attr = env_method = None  # are not called
+
+def ours(sim, seed):
+    """One training of stage 04: its row."""
+    begin, folder = perf_counter(), common.work(sim, "peers", str(seed))
+    model, _ = ppo.train(CFG, partial(env.FootstepVectorEnv, sim=sim, noise=True), folder, STEPS,
+                         seed, make_model=ablations.GaussianActor)
+    return row_of("ours, Gaussian", seed, begin, model.decide, sim)
+
+def theirs(sim, seed):
+    """The same by Stable-Baselines3."""
+    torch.set_num_threads(1)  # as in stage 04
+    begin, updates, hidden = perf_counter(), -(-STEPS // UPDATE), list(CFG.hidden)
+    envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, noise=True))
+    model = stable_baselines3.PPO(
+        "MlpPolicy", envs, n_steps=CFG.rollout, batch_size=CFG.minibatch, n_epochs=CFG.epochs,
+        learning_rate=lambda left: CFG.learning_rate * (left + 1 / updates),  # left: after it
+        gamma=CFG.gamma, gae_lambda=CFG.lam, clip_range=CFG.clip, vf_coef=CFG.value_coef,
+        max_grad_norm=CFG.max_grad_norm, device="cpu",
+        seed=ppo.random_seed(seed) % 2**31,  # near seeds would share most of their robots' worlds
+        policy_kwargs={"net_arch": {"pi": hidden, "vf": hidden},
+                       "activation_fn": torch.nn.Tanh, "log_std_init": LOG_STD})
+    model.policy.action_net.bias.data.copy_(torch.as_tensor(envs.envs.neutral_action))
+    model.learn(updates * UPDATE)
+    envs.close()
+    # Its prediction is the mean of the normal distribution, clipped.
+    return row_of("SB3, the same robots", seed, begin,
+                  lambda obs: model.predict(obs, deterministic=True)[0], sim)
+
+def study_sb3(args):
+    """Seed by seed, so that a machine that slows down slows both."""
+    if stable_baselines3 is None:
+        raise ppo.PolicyError("first: python -m pip install stable-baselines3==2.9.2")
+    return {"rows": [learn(args.sim, seed) for seed in SEEDS for learn in (ours, theirs)]}
+
+PARTS = {"sb3": study_sb3}
+
+def table(found, sim):
+    """All trainings."""
+    columns = {"kind": 0, "seed": 0, "success": 3, "fall": 3, "time_mean": 2, "seconds": 0}
+    return common.sections(found, {"sb3": columns, "rllib": columns})
+
+def plot(found, sim):
+    """The same, without RLlib."""
+    return common.dots(found["sb3"]["rows"], "kind", "success", f"{STEPS:,} double steps ({sim})")
+
+if __name__ == "__main__":
+    common.run("peers")

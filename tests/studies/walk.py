@@ -1,0 +1,327 @@
+"""How well does the walk engine walk, and how large may a step be?
+
+    python tests/studies/walk.py             speeds, random plans, the feet; 20 seconds
+    python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
+    python tests/studies/walk.py --tune      a search for the parameters TUNED; 12 minutes
+
+(each with `--mujoco` in 3-D.) All robots have drawn bodies. --limits draws four panels. Every cell
+of a map is eight walks of three and then five equal double steps, each varied by ± 5 %. The third
+map separates long steps from sudden changes of their length. The last panel walks random plans
+while the shares of x, y and yaw together may be 1, …, 3 (anything). --tune prints a line for TUNED.
+"""
+
+from dataclasses import replace
+from importlib import import_module
+
+import common
+import matplotlib.pyplot as plt
+import numpy as np
+from common import env, robot_model, walk_engine
+
+DURATION = "20 seconds; --limits 2 minutes; --tune 12 minutes, in 3-D"
+# The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
+# it moves, and the speed that we require [m/s, rad/s]. Our choice, from first trials.
+DIRECTIONS = {
+    "forward": ([[0.24, 0, 0], [0.24, 0, 0]], 0, 0.30),
+    "backward": ([[-0.20, 0, 0], [-0.20, 0, 0]], 0, 0.25),
+    "sideways": ([[0, 0.16, 0], [0, 0, 0]], 1, 0.20),
+    "turning": ([[0, 0, 0.60], [0, 0, -0.60]], 2, 1.3),
+}
+LEVELS = 8  # step sizes tried per direction
+PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
+FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
+PLANS = 96  # random ones
+
+# ------------------------------------------------------------------------ how well it walks
+def speed_plans():
+    """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
+    go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
+    shares = (np.arange(LEVELS) + 1) / LEVELS
+    return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
+
+def random_plans(rng, limits, count):
+    """Footsteps [count, 8, 2, 3] drawn evenly within the limits: harder than any planned walk."""
+    drawn = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
+    return env.within(drawn, limits)
+
+def highest_speed(poses, fall, period):
+    """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
+
+    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s]. Row by row the levels
+    of the first direction, then those of the second, and so on. A walk has fallen if its `fall` is
+    less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does not count.
+    """
+    # speed = |way along the axis| / (Σ PATTERN · period)
+    # A walk ends with the trunk between the feet. The last step of the right foot has moved it by
+    # half of that step only; of twelve steps one half is missing, so speeds are 4 % too low. Not
+    # sideways: there the right foot's steps have no length.
+    speeds = {}
+    for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
+        rows = slice(i * LEVELS, (i + 1) * LEVELS)
+        moved = np.abs(poses[rows, -1, axis] - poses[rows, 0, axis])  # [LEVELS]
+        unbroken = np.cumprod(fall[rows] == len(PATTERN))  # 1 up to the first fall, then 0
+        speeds[direction] = float(np.max(moved * unbroken) / (sum(PATTERN) * period))
+    return speeds
+
+def soles(robot, torso, joints):
+    """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
+    points, turn = robot_model.body_points(robot, torso, joints)
+    ankle = points[..., 2, :]
+    z = turn[..., 2, :]  # [..., 2, 3] by how much a point rises per metre along the foot's x, y, z
+    middle = np.array([1, -1]) * robot.foot_outward  # of the left and of the right sole
+    heights = [x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
+               for x in (-robot.foot_back, robot.foot_front)
+               for y in (-robot.foot_width / 2, robot.foot_width / 2)]
+    return ankle, ankle[..., 2] + np.min(heights, 0)
+
+def clearance_and_slip(engine, motion):
+    """Of the n robots that stood through a double step, both feet in turn, [2·n] each [m].
+
+    clearance: how low the lowest corner of the swinging sole comes in the middle of its swing,
+    between 30 and 70 % of it; slip: how far the support foot's ankle moves during this swing.
+    """
+    up = ~motion.fell
+    ankle, low = soles(engine.robot, motion.torso[up], motion.joints[up])  # [n, T, 2, 3], [n, T, 2]
+    # A single step of half_ticks ticks: first nobody swings, then one foot does.
+    #     tick   0 · · · wait · · · · · · · half_ticks      (the right foot: half_ticks later)
+    #            |  both  |     swing      |
+    wait = round(engine.parameters.double_support * engine.half_ticks)
+    swing = engine.half_ticks - wait
+    clearance, slip = [], []
+    for foot, lift_off in ((robot_model.LEFT, wait), (robot_model.RIGHT, engine.half_ticks + wait)):
+        # A motion has no state before its first tick: index i is what tick i + 1 left behind.
+        begin = lift_off + round(0.3 * swing) - 1
+        end = lift_off + round(0.7 * swing) - 1
+        clearance.append(low[:, begin : end + 1, foot].min(1))
+        first, landing = lift_off, lift_off + swing - 1  # after one tick of the swing, after all
+        way = ankle[:, landing, 1 - foot] - ankle[:, first, 1 - foot]  # [n, 3] of the other foot
+        slip.append(np.hypot(way[:, 0], way[:, 1]))
+    return np.concatenate(clearance), np.concatenate(slip)
+
+def measure(sim, parameters, seed=0, frictions=FRICTION):
+    """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
+
+    speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
+    steps of a quarter and of half the largest size, likewise; stood: share of random plans that did
+    not fall; steps: share of their double steps before a fall; clearance: median and 5th
+    percentile, and slip: median, of `clearance_and_slip` over all walks [m].
+    """
+    rng, straight = np.random.default_rng(seed), speed_plans()
+    limits = env.LIMITS[sim]
+    plans = np.concatenate([*[straight] * len(frictions), random_plans(rng, limits, PLANS)])
+    body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
+    body.friction[:-PLANS] = np.repeat(frictions, len(straight))
+    feet = []
+    poses, wanted, fall = walk_engine.walk(
+        sim, parameters, plans, body,
+        watch=lambda engine, motion: feet.append(clearance_and_slip(engine, motion)))
+    clearance, slip = map(np.concatenate, zip(*feet))
+    period, speeds, tracking = walk_engine.WalkEngine(1, parameters).period, [], []
+    for first in np.arange(len(frictions)) * len(straight):
+        rows = slice(first, first + len(straight))
+        speeds.append(highest_speed(poses[rows], fall[rows], period))
+        ratio = poses[rows, -1] / np.where(wanted[rows, -1] == 0, np.nan, wanted[rows, -1])
+        gentle = np.array([LEVELS // 4, LEVELS // 2]) - 1  # levels
+        tracking.append({name: float(ratio[i * LEVELS + gentle, axis].mean())
+                         for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items())})
+    random_falls = fall[-PLANS:]
+    return {"speeds": speeds, "tracking": tracking,
+            "stood": float(np.mean(random_falls == len(PATTERN))),
+            "steps": float(np.mean(random_falls) / len(PATTERN)),
+            "clearance": np.percentile(clearance, [50, 5]).tolist(),
+            "slip": float(np.median(slip))}
+
+def average(parts):
+    """The mean of several `measure`s, number by number."""
+    if isinstance(parts[0], dict):
+        return {key: average([part[key] for part in parts]) for key in parts[0]}
+    if isinstance(parts[0], list):
+        return [average(row) for row in zip(*parts)]
+    return float(np.mean(parts))
+
+def in_words(measured):
+    """The worst and the typical of `measure` in a line."""
+    worst = (f"{k} {min(at[k] for at in measured['speeds']):.2f}" for k in DIRECTIONS)
+    ratios = [ratio for at in measured["tracking"] for ratio in at.values()]
+    clear = " / ".join(f"{1000 * value:.1f}" for value in measured["clearance"])
+    return (f"{', '.join(worst)} (worst μ)  |  walked ÷ commanded {min(ratios):.2f} to "
+            f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
+            f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm")
+
+# ------------------------------------------------------------------------ tuning
+SEARCH = {  # tuned parameters and their ranges: those of [5] of stage 02, some made wider
+    "frequency": (1.0, 3.0), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
+    "foot_rise": (0.02, 0.10), "trunk_height": (0.36, 0.42), "trunk_phase": (-0.45, 0.45),
+    "trunk_pitch": (-0.1, 0.3), "trunk_swing": (0.0, 0.8), "trunk_x_offset": (-0.03, 0.03),
+    "pitch_per_step": (-1.0, 1.0), "pitch_per_turn": (-0.5, 0.5), "trunk_roll": (-0.02, 0.12),
+}
+PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
+
+def score(sim, measured):
+    """What tuning maximises; see `measure`.
+
+    Mean of √(speed / required speed) at the worst μ + 2 · share of random double steps + share of
+    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
+    makes a slow direction count more than a fast one; slip is only printed.
+    """
+    real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
+    worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
+    off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
+    feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
+    return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
+
+def tune(sim, seed, iterations=10, population=28, elite=7):
+    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
+
+    It begins at TUNED: after pasting the result there, a second call goes on. [5] used a
+    tree-structured Parzen estimator for the same question. Returns WalkParameters.
+    """
+    start = walk_engine.TUNED[sim]
+    names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
+    low, high = np.array([SEARCH[name] for name in names]).T
+    rng = np.random.default_rng(seed)
+    mean = np.array([getattr(start, name) for name in names])
+    spread = (high - low) / 10
+    for iteration in range(iterations):
+        drawn = np.clip(mean + spread * rng.normal(size=(population, len(names))), low, high)
+        drawn[0] = mean
+        tried = [replace(start, **dict(zip(names, x.round(4).tolist()))) for x in drawn]
+        # In one iteration all candidates walk in the same worlds; `main` takes other ones.
+        seen = [measure(sim, candidate, iteration) for candidate in tried]
+        scores = [score(sim, measured) for measured in seen]
+        best = np.argsort(scores)[::-1][:elite]
+        # Seven samples are noisy: a part of the old distribution stays.
+        mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
+        spread = 0.5 * spread + 0.5 * drawn[best].std(0)
+        print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
+              f"{in_words(seen[0])}\n{tried[0]}", flush=True)
+    return replace(start, **dict(zip(names, mean.round(4).tolist())))
+
+# ------------------------------------------------------------------------ how large a step may be
+CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
+LOAD_PLANS = 512  # random ones for every load
+LOADS = (1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0)  # [-] largest sums of the shares
+FEET_SEEDS = 6  # of 96 random plans, for the feet
+X = np.linspace(-0.24, 0.32, CELLS)  # [m]
+MAPS = {  # title: label of the second axis, its values, first and then from (x, second)
+    "forward and turning": (
+        "yaw of both feet [rad]",
+        np.linspace(-0.7, 0.7, CELLS),
+        lambda x, yaw: [[[x, 0, yaw], [x, 0, -yaw]]] * 2),
+    "forward and sideways": (
+        "left foot outward [m]",
+        np.linspace(0, 0.21, CELLS),
+        lambda x, y: [[[x, y, 0], [x, 0, 0]]] * 2),
+    "change of step length": (
+        "x of the steps before [m]",
+        X,
+        lambda x, last: [[[last, 0, 0]] * 2, [[x, 0, 0]] * 2]),
+}
+
+def falls_of(sim, plans, rng):
+    """Which plans [R, K, 2, 3] end in a fall [R], each with a body and a ground of its own."""
+    body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
+    _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body)
+    return fall < plans.shape[1]
+
+def fall_map(sim, first, then, seed=0):
+    """Share of falls [R] over plans [R, 2, 3]: three double steps `first`, then five of `then`."""
+    plans = np.stack([first] * 3 + [then] * 5, 1)
+    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
+    rng = np.random.default_rng(seed)
+    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
+    return falls_of(sim, plans, rng).reshape(-1, REPEATS).mean(1)
+
+def standing(sim, load, seed=0):
+    """Share of random plans that end standing, if combined steps are limited to that load."""
+    rng = np.random.default_rng(seed)
+    plans = random_plans(rng, replace(env.LIMITS[sim], load=load), LOAD_PLANS)
+    return 1 - falls_of(sim, plans, rng).mean()
+
+def cells(title, xs, others):
+    """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
+    steps = MAPS[title][2]
+    return np.array([[steps(x, other) for x in xs] for other in others], float)
+
+def allowed(steps, limits):
+    """Which double steps [..., 2, 2, 3] of a map an action can reach, all four footsteps."""
+    low, high = np.array(limits.low) - 1e-9, np.array(limits.high) + 1e-9
+    single = (steps >= low) & (steps <= high)
+    combined = np.isclose(env.within(steps, limits), steps)
+    return (single & combined).all((-3, -2, -1))
+
+def study_limits(args):
+    """The three maps, the loads, the feet."""
+    found = {}
+    for title, (_, second, _) in MAPS.items():
+        steps = cells(title, X, second)
+        first, then = (steps[..., k, :, :].reshape(-1, 2, 3) for k in (0, 1))
+        falls = fall_map(args.sim, first, then).reshape(len(second), len(X))
+        inside = allowed(steps, env.LIMITS[args.sim])
+        found[title] = {
+            "fall_inside": round(falls[inside].mean(), 4),
+            "fall_anywhere": round(falls.mean(), 4),
+            "falls": falls.tolist()}
+    found["stood"] = {load: round(float(standing(args.sim, load)), 4) for load in LOADS}
+    measured = average([measure(args.sim, walk_engine.TUNED[args.sim], seed, frictions=())
+                        for seed in range(FEET_SEEDS)])
+    found["clearance"] = np.round(measured["clearance"], 5).tolist()
+    found["slip"] = round(measured["slip"], 5)
+    return found
+
+PARTS = {"limits": study_limits}
+
+def table(found, sim):
+    """What --limits has found."""
+    found = found["limits"]
+    rows = [{"map": title, **found[title]} for title in MAPS]
+    falls = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
+    loads = common.table([{"largest sum of shares": "random plans that stand", **found["stood"]}],
+                         dict.fromkeys(["largest sum of shares", *found["stood"]], 2))
+    clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
+    return (f"{falls}\n{loads}\nFeet in random plans: clearance {clearance:.1f} mm (median) and "
+            f"{lowest:.1f} mm (5 %), slip of the support foot {slip:.1f} mm.\n")
+
+def plot(found, sim):
+    """Share of falls by colour; inside of the line is what an action can reach."""
+    limits, found = env.LIMITS[sim], found["limits"]
+    figure, axes = plt.subplots(1, 4, figsize=(18, 4.4), layout="constrained")
+    for axis, (title, (label, second, _)) in zip(axes, MAPS.items()):
+        falls = found[title]["falls"]
+        image = axis.pcolormesh(X, second, falls, cmap="magma_r", vmin=0, vmax=1)
+        fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
+        inside = allowed(cells(title, fine, other), limits)
+        axis.contour(fine, other, inside, [0.5], colors="tab:cyan", linewidths=2)
+        axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
+    figure.colorbar(image, ax=axes[:3], label="share of falls in 8 double steps")
+    axes[3].plot(LOADS, list(found["stood"].values()), "o-")
+    axes[3].axvline(limits.load, color="tab:cyan", lw=2)
+    axes[3].set(title="x, y and yaw at once", ylim=(0, 1),
+                xlabel="largest sum of the shares of the limits [1]",
+                ylabel="share of random plans that stand [1]")
+    axes[3].grid(alpha=0.3)
+    figure.suptitle(f"Which steps fall in drawn worlds ({sim}); blue: the limits of an action")
+    return figure
+
+# ------------------------------------------------------------------------ command line
+def main(argv=None):
+    study = import_module("walk")
+    parser = common.StudyParser(study)
+    parser.add_argument("--seed", type=robot_model.whole, default=0, help="other worlds")
+    parser.add_argument("--limits", action="store_true", help="maps of falls")
+    parser.add_argument("--tune", action="store_true", help="optimise the walk parameters")
+    args = parser.start(argv)
+    if args.tune:
+        print(tune(args.sim, args.seed))
+    elif args.limits:
+        common.publish(study, "limits", args)
+    else:
+        measured = average([measure(args.sim, walk_engine.TUNED[args.sim], seed)
+                            for seed in 1000 + 3 * args.seed + np.arange(3)])
+        for mu, speeds, ratios in zip(FRICTION, measured["speeds"], measured["tracking"]):
+            fastest = [f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds]
+            print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)", ", ".join(fastest))
+        print(in_words(measured))
+
+if __name__ == "__main__":
+    robot_model.run(main)
