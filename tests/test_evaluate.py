@@ -1,14 +1,13 @@
-"""Stage 5: the baseline's equations, search, the statistics, the trials, and the command line."""
+"""Stage 5: the baseline's equations, the statistics, the trials, planners, files, command line."""
 
 import csv
 import itertools
 import json
 import math
 import os
-import shutil
-import subprocess
 import sys
-from dataclasses import asdict, replace
+import traceback
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -20,11 +19,8 @@ import torch
 from matplotlib.backend_bases import MouseEvent
 
 evaluate = import_module("05_evaluate")
-sys.path.append(str(Path(__file__).with_name("studies")))
-search = import_module("search")  # makes the file of the planner `search`
 env, ppo, robot_model = evaluate.env, evaluate.ppo, evaluate.robot_model
-LIMITS, FAR = env.walk_engine.LIMITS["pymunk"], evaluate.FAR
-SCRIPT = Path(evaluate.__file__)
+LIMITS = env.LIMITS["pymunk"]
 B = evaluate.BaselineSettings()
 OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0, far_m=0.4)
 # By hand and not by the stages, which may be empty exercises when this module is imported:
@@ -34,7 +30,7 @@ PERIOD = 2 * TICK * round(HALF_STEP / TICK)  # [s] a double step, in whole ticks
 NEUTRAL = np.tile(np.divide(LIMITS.low, np.subtract(LIMITS.low, LIMITS.high)), 2)  # [6]
 
 def view_of(*last_actions):
-    """The View of robots that did these actions last; of the goal they know what is measured."""
+    """The View of robots that did these actions last."""
     actions = np.array(last_actions)
     return env.View(PERIOD, LIMITS, NEUTRAL.copy(), np.stack([actions, actions], 1),
                     np.zeros((len(actions), len(env.observation_table(imu=True))), np.float32))
@@ -169,230 +165,6 @@ def test_only_the_first_command_of_a_trial_is_not_filtered():
         "after a reset the last trial is forgotten"))
 
 
-# ------------------------------------------------------------------------ search
-HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
-
-@pytest.fixture
-def small_map(monkeypatch):
-    """Maps of another size: (cells on each side, turns around the circle)."""
-    def build(half, turns):
-        for name, value in ("HALF", half), ("TURNS", turns), ("TURN", 2 * math.pi / turns):
-            monkeypatch.setattr(evaluate, name, value)
-    return build
-
-def fewest_moves(moves, half):
-    """By trying everything: moves [whole cells, whole cells, quarter turns] -> V [4, x, y]."""
-    turned = ((1, 0, 0, 1), (0, -1, 1, 0), (-1, 0, 0, -1), (0, 1, -1, 0))
-
-    def after(k, x, y, move):
-        a, b, c, d = turned[k]
-        return (k + move[2]) % 4, x + a * move[0] + b * move[1], y + c * move[0] + d * move[1]
-
-    count, side = {(0, 0, 0): 0}, range(-half, half + 1)
-    open_ones, new = set(itertools.product(range(4), side, side)), {(0, 0, 0)}
-    while new:
-        open_ones -= new
-        new = {pose for pose in open_ones if any(after(*pose, move) in count for move in moves)}
-        count.update(dict.fromkeys(new, max(count.values()) + 1))
-    value = np.full((4, 2 * half + 1, 2 * half + 1), FAR)
-    for (k, x, y), number in count.items():
-        value[k, x + half, y + half] = number
-    return value
-
-def in_metres(moves):
-    """Moves in cells and quarter turns as moves in m, m, rad."""
-    return np.array(moves) * (evaluate.CELL, evaluate.CELL, math.pi / 2)
-
-LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
-
-def test_steps_to_go_is_the_fewest_moves(small_map):
-    small_map(half=5, turns=4)
-    truth = fewest_moves(LATTICE, half=5)
-    assert 4 < truth[truth < FAR].max() < FAR, "the brute force of this test is too easy"
-    found = search.steps_to_go(in_metres(LATTICE), HERE)
-    np.testing.assert_allclose(found, truth, atol=0.01, err_msg=(
-        "V[yaw, x, y] of the robot seen from the goal: are x and y swapped, or the move turned by "
-        "−yaw? The map ends at its edge: outside, the goal is out of reach"))
-
-def test_steps_to_go_with_one_move_ahead(small_map):
-    small_map(half=6, turns=4)
-    value = search.steps_to_go(np.array([[0.05, 0.0, 0.0]]), HERE)
-    line = value[0, :, 6]  # [x]: looking along +x, y = 0
-    np.testing.assert_allclose(line[:7], np.arange(6, -1, -1), atol=0.01, err_msg=(
-        "n cells behind the goal, n moves of 5 cm"))
-    np.testing.assert_allclose(line[7:], FAR, err_msg="it cannot go back")
-    assert (value < FAR).sum() == 7, "it can neither turn nor go sideways"
-    tolerant = search.steps_to_go(np.array([[0.05, 0.0, 0.0]]), env.Task())
-    np.testing.assert_allclose(tolerant[0, :8, 6], [5, 4, 3, 2, 1, 0, 0, 0], atol=0.01, err_msg=(
-        "within 5 cm it has arrived, one move earlier"))
-
-ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
-                (0.06, 0.01, 0.4), (0.06, -0.01, -0.4)])  # not in whole cells
-
-def test_steps_to_go_obeys_its_equation(small_map):
-    small_map(half=12, turns=12)
-    value = search.steps_to_go(ODD, env.Task())
-    k, i, j = np.meshgrid(np.arange(12), np.arange(4, 21), np.arange(4, 21), indexing="ij")
-    poses = np.stack([(i - 12) * 0.05, (j - 12) * 0.05, k * math.radians(30)], -1)
-    (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
-    moved = np.stack([x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
-                      y + np.sin(yaw) * ahead + np.cos(yaw) * aside, yaw + turn], -1)
-    # `compose` by hand, [..., A, 3]; all within the map
-    at_goal = (np.hypot(poses[..., 0], poses[..., 1]) <= 0.05 + 1e-9) & (k == 0)
-    after = np.where(at_goal, 0, np.minimum(FAR, 1 + evaluate.look_up(value, moved).min(-1)))
-    assert after.max() < FAR, "all of these can reach the goal: repeat until nothing changes"
-    np.testing.assert_allclose(value[k, i, j], after, atol=0.02, err_msg=(
-        "V = 1 + min over moves of V after the move: was it repeated until nothing changed?"))
-
-def test_steps_to_go_of_mirrored_moves_is_mirrored(small_map):
-    small_map(half=8, turns=12)
-    value = search.steps_to_go(ODD, env.Task())
-    mirrored = value[-np.arange(12) % 12][:, :, ::-1]  # yaw and y change their signs
-    np.testing.assert_allclose(value, mirrored, atol=0.02, err_msg=(
-        "left and right can do the same, so they are equally far"))
-
-def test_look_up_is_linear_between_cells(small_map):
-    small_map(half=3, turns=8)
-    rng = np.random.default_rng(0)
-    value = rng.uniform(0, 9, (8, 7, 7))
-    poses = np.array([[(i - 3) * 0.05, (j - 3) * 0.05, k * math.pi / 4]
-                      for k, i, j in np.ndindex(8, 7, 7)])
-    np.testing.assert_allclose(evaluate.look_up(value, poses).reshape(8, 7, 7), value, atol=1e-3,
-                               err_msg="on a cell V is that of the cell: value[yaw, x, y]")
-    middle = evaluate.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
-    assert middle == pytest.approx(value[:2, 3:5, 2:4].mean()), "the mean of the eight corners"
-    x, y = rng.uniform(-0.14, 0.14, (2, 50))
-    plane = np.tile(np.arange(7)[:, None] * 2.0 - np.arange(7), (8, 1, 1))
-    found = evaluate.look_up(plane, np.stack([x, y, rng.uniform(-9, 9, 50)], -1))
-    np.testing.assert_allclose(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-9, err_msg=(
-        "a slanted plane has no corners to be cut"))
-
-def test_look_up_closes_the_circle_of_yaws(small_map):
-    small_map(half=1, turns=8)
-    value = np.tile(np.arange(8.0)[:, None, None], (1, 3, 3))
-    for yaw, expected in ((315, 7), (337.5, 3.5), (-22.5, 3.5), (359.9999, 0), (360, 0), (-90, 6),
-                          (-45 - 720, 7)):
-        found = evaluate.look_up(value, np.array([0, 0, math.radians(yaw)]))
-        assert found == pytest.approx(expected, abs=1e-4), f"{yaw}°: after the last yaw, the first"
-
-def test_double_steps_favour_no_side_and_can_be_asked_for():
-    steps = search.double_steps(LIMITS)
-    assert not steps[0].any(), "the first one is in place"
-    twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
-    np.testing.assert_allclose(twice, steps, atol=1e-12, err_msg=(
-        "what was searched is what will be walked: within the limits, and their sum (`within`)"))
-    every = {tuple(step.ravel().round(9) + 0.0) for step in steps}
-    mirrored = {tuple(step[::-1].ravel().round(9) + 0.0) for step in steps}
-    assert every == mirrored, "what the left foot can, the right foot can: swap the two rows"
-    assert len(every) == len(steps) == 281, "8 · 5 · 7, and in place; each once"
-    sideways = steps[:, 0, 1] - steps[:, 1, 1]  # [A] [m] to the left: both feet
-    assert sideways.max() == pytest.approx(LIMITS.high[1] - LIMITS.low[1]), (
-        "one foot steps outward, then the other one follows inward")
-    half = search.double_steps(LIMITS, 0.5)
-    assert np.abs(half[..., 0]).max() == pytest.approx(0.09), "half of 18 cm"
-
-def test_displacements_are_those_of_a_steady_walk(monkeypatch):
-    """A walk by heart: twice slow, then as asked, on a curve, with delay half as far again; the
-    second one falls at last, but only with delay.
-    """
-    moves = np.array([[0.2, 0.0, 0.3], [0.1, -0.1, 0.0]])
-    delayed = moves * [1.5, 1, 1]
-
-    def walk(sim, parameters, footsteps, body):
-        assert footsteps.shape == (4, 6, 2, 3), "each double step six times, with both delays"
-        assert body.delay.tolist() == [0, 0, 1, 1] and (body.stiction == 0.75).all()
-        assert (body.friction == 0.7).all() and (body.mass == 1).all(), "the middle of the spread"
-        poses = np.zeros((4, 7, 3))
-        for k in range(6):
-            poses[:, k + 1] = robot_model.compose(
-                poses[:, k], np.concatenate([moves, delayed]) * (1 if k > 1 else 0.3))
-        return poses, poses, np.array([6, 6, 6, 5])
-
-    monkeypatch.setattr(env.walk_engine, "walk", walk)
-    found, stood = search.displacements("pymunk", search.double_steps(LIMITS)[:2])
-    np.testing.assert_allclose(found, (moves + delayed) / 2, atol=1e-12, err_msg=(
-        "of both delays, from the third on, each seen from where the robot was and looked before"))
-    assert stood.tolist() == [True, False]
-
-@pytest.fixture
-def lattice_planner(small_map):
-    """Builds a SearchPlanner on LATTICE moves, whose actions differ by 0.2 from one to the next."""
-    def build(change):
-        small_map(half=9, turns=4)
-        actions = NEUTRAL + 0.2 * np.arange(len(LATTICE))[:, None] * (1, 0, 0, 0, 0, 0)
-        moves = in_metres(LATTICE)
-        planner = evaluate.SearchPlanner(np.zeros((len(LATTICE), 2, 3)), moves,
-                                         search.steps_to_go(moves, HERE), LIMITS, change)
-        planner.actions = actions
-        planner.reset(1)
-        return planner
-    return build
-
-def decision(planner, pose, view=STANDS):
-    """Which move it takes there; pose [3] of the robot seen from the goal."""
-    goal = robot_model.relative(np.array([pose]), np.zeros(3))
-    action, = planner.act(view, np.array([0]), goal)
-    return int(np.abs(planner.actions - action).max(-1).argmin())
-
-def test_search_arrives_after_as_many_steps_as_it_promised(lattice_planner):
-    planner = lattice_planner(change=1.0)
-    truth = fewest_moves(LATTICE, half=9)
-    for k, x, y in itertools.product(range(4), (-4, -1, 0, 3), (-3, 0, 1, 4)):
-        pose, promised = in_metres((x, y, k)), round(truth[k, x + 9, y + 9])
-        for _ in range(promised):
-            pose = robot_model.compose(pose, planner.moves[decision(planner, pose)])
-        np.testing.assert_allclose(robot_model.compose(np.zeros(3), pose)[:2], 0, atol=1e-9,
-                                   err_msg=f"not there after {promised} moves")
-        assert env.wrap(pose[2]) == pytest.approx(0, abs=1e-9)
-
-def test_search_stays_at_the_goal(lattice_planner):
-    planner = lattice_planner(change=1.0)
-    planner.value = search.steps_to_go(planner.moves, env.Task())  # 5 cm are enough
-    assert decision(planner, (0.0, 0.0, 0.0)) == 0
-    assert decision(planner, (-0.05, 0.0, 0.0)) == 0, "arrived: one more move ahead wins nothing"
-
-def test_search_respects_the_largest_change(lattice_planner):
-    behind = (-0.2, 0.0, 0.0)  # four cells, best is to go: 0.2 from standing
-    assert decision(lattice_planner(change=0.25), behind) == 1
-    assert decision(lattice_planner(change=0.15), behind) == 0, "too different: do as before"
-    planner = lattice_planner(change=0.15)
-    last = view_of(planner.actions[3])
-    assert decision(planner, (0.0, 0.0, 0.0), last) == 3, "at the goal, but it cannot stop at once"
-    assert decision(lattice_planner(change=1.0), (0.0, 0.0, 0.0), last) == 0
-
-def test_search_walks_on_beyond_its_map(lattice_planner):
-    planner = lattice_planner(change=1.0)
-    for metres in (0.5, 1.0, 9.0):  # the map ends at 0.45 m
-        assert decision(planner, (-metres, 0.0, 0.0)) in (1, 3), (
-            f"the goal is {metres} m ahead, and it steps on the spot until the time is up")
-
-def table_of_search():
-    """(steps, moves, V) as large as the real ones, for a robot that does as it is told."""
-    steps = search.double_steps(LIMITS)
-    moves = np.stack([steps[:, :, 0].sum(1), steps[:, 0, 1] - steps[:, 1, 1],
-                      steps[:, 0, 2] - steps[:, 1, 2]], -1)
-    axis, yaw = 0.05 * np.arange(-64, 65), env.wrap(np.radians(10) * np.arange(36))
-    value = np.hypot(axis[:, None], axis) / 0.25 + np.abs(yaw)[:, None, None] / 0.3  # [36, x, y]
-    return steps, moves, np.minimum(value, FAR)
-
-def save_search(path, sim="pymunk"):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    search.save(path, sim, 0.75, 0.35, table_of_search())
-    return path
-
-def test_the_file_of_a_search_is_small_and_exact_enough(tmp_path):
-    path, (steps, moves, value) = save_search(tmp_path / "search.npz"), table_of_search()
-    assert path.stat().st_size <= 500_000, "it is shipped: half a megabyte"
-    assert [file.name for file in tmp_path.iterdir()] == ["search.npz"]
-    _, planner, about = evaluate.load(path, "pymunk")
-    assert planner.value.shape == value.shape
-    assert np.abs(planner.value - value).max() <= 0.05, "V in twentieths of a double step"
-    np.testing.assert_array_equal(planner.moves, moves)
-    np.testing.assert_allclose(env.to_footsteps(planner.actions, LIMITS), steps, atol=1e-12)
-    assert planner.change == 0.35
-    assert about == {"file": path.as_posix(), "factor": 0.75, "change": 0.35}
-
-
 # ------------------------------------------------------------------------ statistics
 def test_wilson_interval():
     hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
@@ -465,20 +237,17 @@ def test_summary_without_a_success_is_valid_json():
 def test_ratios_compare_every_pair_under_the_same_noise_and_spread():
     fast, slow = trials(["success"] * 2, [4, 6]), trials(["success"] * 2, [8, 12])
     never = trials(["timeout"] * 2, [100, 100])
-    runs = {("policy", False, 0.5): fast, ("policy_imu", False, 0.5): never,
-            ("baseline", False, 0.5): slow, ("search", False, 0.5): fast,
-            ("policy", True, 0.5): slow, ("baseline", True, 0.5): slow,
-            ("policy", False, 1.0): slow, ("search", False, 1.0): fast,
-            ("policy", False, None): fast}
+    runs = {("policy", False, 0.5): fast, ("mine", False, 0.5): never,
+            ("baseline", False, 0.5): slow, ("policy", True, 0.5): slow,
+            ("baseline", True, 0.5): slow, ("policy", False, 1.0): slow,
+            ("search", False, 1.0): fast, ("policy", False, None): fast}
     found = {(r["planner"], r["reference"], r["noise"], r["goal_std_m"]): r["time_ratio"]
              for r in evaluate.compare(runs)}
     assert found == {
         ("policy", "baseline", False, 0.5): 0.5, ("baseline", "policy", False, 0.5): 2.0,
-        ("policy", "search", False, 0.5): 1.0, ("search", "policy", False, 0.5): 1.0,
-        ("search", "baseline", False, 0.5): 0.5, ("baseline", "search", False, 0.5): 2.0,
         ("policy", "baseline", True, 0.5): 1.0, ("baseline", "policy", True, 0.5): 1.0,
         ("policy", "search", False, 1.0): 2.0, ("search", "policy", False, 1.0): 0.5}, (
-            "policy_imu reached nothing: no ratio; and nobody else met the goals of None")
+            "`mine` reached nothing, so it has no ratio; and nobody else met the goals of None")
 
 FOUR = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
 
@@ -488,39 +257,40 @@ def row_of(planner, noise, std):
 def tables_in(text):
     """The cells [table, row, column] of Markdown tables, without the line below each head."""
     blocks = [block.splitlines() for block in text.split("\n\n")]
-    tables = [[[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+    tables = [[[cell.strip() for cell in line.strip().strip("|").split("|")] for line in lines]
               for lines in blocks if lines[0].startswith("|")]
     return [[head, *rows] for head, _, *rows in tables]
 
 def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
-    near = [row_of(name, True, 0.5) for name in ("policy", "policy_imu")]
+    near = [row_of(name, True, 0.5) for name in ("policy", "mine")]
     others = [row_of("policy", True, 1.0), row_of("policy", True, None)]
     ours, once = tables_in(evaluate.table(near + others, []))
     for table in (ours, once):
         assert len({len(line) for line in table}) == 1, "every row has a cell for every column"
     assert [line[:3] for line in ours[1:]] == [
-        ["0.5 m", "yes", "policy"], ["0.5 m", "yes", "policy_imu"], ["1.0 m", "yes", "policy"],
+        ["0.5 m", "yes", "policy"], ["0.5 m", "yes", "mine"], ["1.0 m", "yes", "policy"],
         ["own", "yes", "policy"]]
     assert ours[1][3:] == ["0.500 [0.150, 0.850]", "0.250", "0.250", "5.00 ± 1.00", "0.500"]
     assert "paper" not in str(ours), "its success means something else: not in the same column"
     assert once[1:] == [
         ["yes", "policy", "ours", "0.750", "0.000", "0.250", "6.00 ± 1.63"],
         ["yes", "policy", "paper", "0.978", "0.000", "0.022", "6.35 ± 2.23"]], (
-            "Table II, with noise, below ours by the paper's rule; of an IMU, of goals twice as "
-            "far and of yours it says nothing")
+            "Table II, with noise, below ours by the paper's rule; of other planners, of goals "
+            "twice as far and of yours it says nothing")
     assert len(tables_in(evaluate.table(near, [], {}))) == 1
-    assert len(tables_in(evaluate.table(others, []))) == 1
+    assert len(tables_in(evaluate.table(others, []))) == 1, "no empty table"
 
-def test_table_ends_with_the_ratios_of_the_policies():
-    ratio = {"planner": "policy", "reference": "search", "noise": True, "goal_std_m": 1.0,
+def test_table_ends_with_the_ratios_of_the_first_planner():
+    ratio = {"planner": "policy", "reference": "baseline", "noise": True, "goal_std_m": 1.0,
              "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6]}
-    other = ratio | {"planner": "search", "reference": "policy", "time_ratio": 2.0}
-    text = evaluate.table([row_of("policy", True, 1.0)], [ratio, other])
-    assert tables_in(text)[-1][1:] == [
-        ["1.0 m", "yes", "policy", "search", "0.500 [0.400, 0.600]", "7"]], (
-            "the ratios of search are in evaluation.json")
-    mine = evaluate.table([row_of("policy", True, None)], [ratio | {"goal_std_m": None}])
-    assert "None" not in mine, "your own goals have no σ: say `own`, as the table above does"
+    own = ratio | {"goal_std_m": None, "noise": False}
+    other = ratio | {"planner": "baseline", "reference": "policy", "time_ratio": 2.0}
+    rows = [row_of("policy", True, 1.0), row_of("baseline", True, 1.0)]
+    table = tables_in(evaluate.table(rows, [ratio, own, other]))[-1]
+    assert table[1:] == [
+        ["1.0 m", "yes", "policy", "baseline", "0.500 [0.400, 0.600]", "7"],
+        ["own", "no", "policy", "baseline", "0.500 [0.400, 0.600]", "7"]], (
+            "those of the other planners are in evaluation.json")
 
 
 # ------------------------------------------------------------------------ trials
@@ -580,6 +350,9 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     np.testing.assert_array_equal(noise, first_noise(Wild(), world, six), err_msg=hint)
     np.testing.assert_array_equal(noise[:2], first_noise(Recorder(), world, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
+    dice = env.stream("evaluation", 3, 0).spawn(len(env.PURPOSES))[env.PURPOSES.index("noise")]
+    np.testing.assert_allclose(noise[0], dice.normal(size=3) * 0.05, err_msg=(
+        "the goal is measured more than once for a decision"))
     drawn = (six.goals / [1, 1, math.pi / 2])[0]
     assert not np.allclose(noise[0] / 0.05, drawn), "goals and noise come from the same generator"
     other = first_noise(Recorder(), world, replace(six, purpose="tuning"))
@@ -606,8 +379,8 @@ def test_friction_is_drawn_for_every_trial_or_the_same_for_all(world):
     assert ground == [0.45] * 6, "the simulator must know of it"
     np.testing.assert_array_equal(bodies(world, 6), body, "the bodies remain those that were drawn")
 
-@pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("settings", [{}, {"far": True}, {"friction": 0.9}], ids=str)
+@pytest.mark.parametrize("noise, settings", [
+    (True, {}), (False, {"far": True}), (True, {"friction": 0.9})], ids=str)
 def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypatch, noise,
                                                       settings):
     monkeypatch.setattr(world, "task", env.Task(time_limit=7.0))  # time enough to fall
@@ -642,7 +415,7 @@ def test_a_planner_that_scribbles_into_its_view_changes_nothing(world):
     class Scribbler(Wild):
         def act(self, view, robots, measured):
             actions = super().act(view, robots, measured)
-            for array in (view.neutral_action, view.actions, view.observation, measured):
+            for array in (view.neutral_action, view.actions, view.observation, measured, robots):
                 array[:] = 0.9
             return actions
 
@@ -738,14 +511,20 @@ def test_still_there_means_inside_and_standing_after_two_more_double_steps(endin
         np.testing.assert_allclose(actions, expected, err_msg="in place: the planner is not asked")
     assert len(planner.measured) == 3, "one measurement a decision, none afterwards"
 
-@pytest.mark.parametrize("action", [np.full((2, 6), np.nan), np.zeros((2, 5)), np.zeros((1, 6))])
-def test_a_planner_that_returns_nonsense_is_told(world, action):
-    class Broken(Recorder):
-        def act(self, view, robots, measured):
-            return action
+def test_a_longer_outcome_keeps_all_its_letters(world, monkeypatch):
+    """If somebody adds a way to end, `stumbled over it`, the array must have room for it."""
+    step = world.step
 
-    with pytest.raises(ValueError, match=r"^actions must be finite .* \(2, 6\)"):
-        evaluate.evaluate(Broken(), world, to(np.zeros((2, 3))))
+    def stumbles(actions, robots):
+        nobody = np.zeros(len(robots), bool)
+        ended = dict.fromkeys(evaluate.OUTCOMES, nobody) | {"stumbled over it": ~nobody}
+        return step(actions, robots) | ended
+
+    with monkeypatch.context() as patch:
+        patch.setattr(world, "step", stumbles)
+        patch.setattr(evaluate, "OUTCOMES", (*evaluate.OUTCOMES, "stumbled over it"))
+        found = evaluate.evaluate(Recorder(), world, to(np.ones((2, 3))))
+    assert found["outcome"].tolist() == ["stumbled over it"] * 2
 
 def test_the_recorded_walk_is_the_measured_one(world):
     walk, = evaluate.record(Recorder(), world, to([[1.0, 0.0, 0.0]]))
@@ -789,56 +568,80 @@ def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
 
 
 # ------------------------------------------------------------------------ files
-def save_untrained(path, sim="pymunk", imu=False, steps=10, **fits):
+def save_untrained(path, sim="pymunk", imu=False, steps=10):
     """A policy that steps on the spot whatever it sees: nearly its first one."""
     torch.manual_seed(0)
-    neutral = env.to_action(np.zeros((2, 3)), env.walk_engine.LIMITS[sim])
+    neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
     model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=neutral)
     path.parent.mkdir(parents=True, exist_ok=True)
-    ppo.save_policy(path, model, {"fits": env.fingerprint(sim, imu) | fits, "steps": steps,
+    ppo.save_policy(path, model, {"fits": env.fingerprint(sim, imu), "imu": imu, "steps": steps,
                                   "minutes": 0.1, "seed": 0, "config": {"sharpest": 1.0}})
     return path
 
-def save_tuned(path, sim="pymunk", **changed):
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(json.dumps({"fits": env.fingerprint(sim), "settings": asdict(OTHER) | changed}))
+PLANNER = """
+import numpy as np
 
-def run_main(*arguments):
-    """Exit code of the script, run in this process."""
-    with pytest.raises(SystemExit) as stopped:
-        evaluate.main([str(argument) for argument in arguments])
-    return stopped.value.code
+class Planner:
+    def reset(self, num_robots):
+        pass
+
+    def act(self, view, robots, measured):
+        actions = np.tile(view.neutral_action, (len(robots), 1))
+        {line}
+        return actions
+"""
+LINE = 10  # of what is put in
+
+def own_planner(path, line="pass"):
+    """The file of a planner that steps on the spot and does something else before."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(PLANNER.format(line=line), encoding="utf-8")
+    return path
+
+@pytest.fixture
+def short_trials(tmp_path, monkeypatch):
+    """An empty folder but for a policy, 2 s for a trial, no figures: the command line in a second.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", sys.path[:])  # a planner's folder is put there
+    monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT, cores=1))
+    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
+    save_untrained(Path("results/pymunk/policy.pt"))
+
+def call(*arguments):
+    """The script's main in this process; with evaluation.json and trials.csv in the folder out."""
+    evaluate.main([*map(str, arguments), "--out", "out"])
+    return json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
 
 def refused(capsys, *arguments):
-    """The one line on stderr of a call that must be refused."""
-    assert run_main(*arguments) == 2, "bad input ends with exit code 2"
+    """The one line on stderr of a call that must be refused, before anything is written."""
+    with pytest.raises(SystemExit) as stopped:
+        call(*arguments)
+    assert stopped.value.code == 2, "bad input ends with exit code 2"
     lines = capsys.readouterr().err.strip().splitlines()
-    assert len(lines) == 1 and lines[0].startswith("05_evaluate.py: "), f"one clear line: {lines}"
+    assert len(lines) == 1, f"one clear line: {lines}"
+    assert not Path("out").exists(), "check everything first, then write"
     return lines[0]
 
-@pytest.mark.parametrize("text, line", [
-    ("x,y,yaw\n1,2,3\n1,two,3\n", 3), ("x,y,yaw\n1,nan,3\n", 2), ("x,y,yaw\n\n1,2,inf\n", 3),
-    ("x,y,yaw\n1,2\n", 2), ("x,y,yaw\n1,2,3,4\n", 2), ("x,y\n1,2\n", 1), ("", 1), ("1,2,3\n", 1),
-    ("x,y,yaw\n", 1), ("x,y,yaw\n1,2,\n", 2), ("x,y,yaw,mu\n1,2,3,1\n1,2,3,-1\n", 3),
-    ("x,y,yaw,mu\n1,2,3,nan\n", 2), ("x,y,yaw,mu\n1,2,3,ice\n", 2), ("x,y,yaw,mu\n1,2,3\n", 2),
-    ("x,y,yaw,trial\n1,2,3,1.5\n", 2), ("x,y,yaw,seed\n1,2,3,-1\n", 2),
-    ("x,y,yaw,seed\n1,2,3,1e300\n", 2), (f"x,y,yaw,seed\n1,2,3,{2**63}\n", 2),
-    (f"x,y,yaw,seed,trial\n1,2,3,1,{2**63}\n", 2), ("x,y,yaw\n1.7e308,1.7e308,1\n", 2),
-    (f"x,y,yaw,trial\n1,2,3,{2**63 - 1}\n", 2), ("x,y,yaw\n1,nan,1\n", 2),
-    ("x,y,yaw\n" + 12_000 * "0,0,0\n", 10_002)], ids=lambda text: repr(text)[:40])
-def test_a_malformed_goals_file_names_the_line(text, line, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("goals.csv").write_text(text)
-    message = refused(capsys, "--goals", "goals.csv")
-    assert f"goals.csv, line {line}: " in message, f"{text!r}: line {line} is the wrong one"
-
-def read(path, text, seed=5, friction=np.nan):
-    """The Trials of a file with that text."""
+def read(path, text, friction=np.nan):
+    """The Trials of a file with that text; without a column of its own the seed is 5."""
     path.write_bytes(text.encode())
-    return evaluate.read_trials(path, seed, friction)
+    return evaluate.read_trials(path, 5, friction)
+
+@pytest.mark.parametrize("text", [
+    "", "x,y,yaw\n", "1,2,3\n", "x,y\n1,2\n", "x,y,yaw\n1,2\n", "x,y,yaw\n1,2,3,4\n",
+    "x,y,yaw\n1,two,3\n", "x,y,yaw\n1,2,\n", "x,y,yaw\n1,2,3\n1,nan,3\n", "x,y,yaw\n1,2,inf\n",
+    "x,y,yaw\n" + "".join(f"{i},0,0\n" for i in range(10_001)), "x,y,yaw\n\xe9\xe9,1,1\n", None],
+    ids=lambda text: repr(text)[:30])
+def test_a_malformed_goals_file_is_one_line(short_trials, capsys, text):
+    if text is not None:
+        Path("goals.csv").write_text(text, encoding="latin-1")
+    message = refused(capsys, "--goals", "goals.csv")
+    assert "goals.csv: needs columns x, y, yaw and finite numbers" in message
 
 def test_goals_file_is_read_whatever_wrote_it(tmp_path):
-    text = "\ufeffname, X ,y,yaw\r\na,1,-2.5,7\r\n\r\n"  # as a spreadsheet does
+    text = "\ufeffX ,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n"  # as a spreadsheet does
     np.testing.assert_allclose(read(tmp_path / "goals.csv", text).goals,
                                [[1, -2.5, 7 - 2 * math.pi]])
 
@@ -857,214 +660,137 @@ def test_lines_that_name_their_trial_are_that_trial(tmp_path):
     assert read(tmp_path / "trials.csv", text, friction=0.4).friction.tolist() == [0.4] * 3, (
         "--friction: what the user says goes before what the file says")
 
-def test_bad_input_is_one_line(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert "python 04_ppo.py" in refused(capsys), "without a policy, say how to get one"
-    good = save_untrained(tmp_path / "policy.pt")
-    other = save_untrained(tmp_path / "other.pt", sim="mujoco")
-    limits = save_untrained(tmp_path / "limits.pt", **{"step limits": {"low": [0], "high": [1]}})
-    Path("text.pt").write_text("no tensors")
-    Path("latin.csv").write_bytes(b"x,y,yaw\n\xe9,1,1\n")
-    assert "simulator is mujoco" in refused(capsys, "--policy", other)
-    assert "step limits" in refused(capsys, "--policy", limits)
-    assert "text.pt" in refused(capsys, "--policy", "text.pt")
-    assert "missing.pt" in refused(capsys, "--policy", "missing.pt")
-    assert "missing.csv" in refused(capsys, "--policy", good, "--goals", "missing.csv")
-    assert "utf-8" in refused(capsys, "--policy", good, "--goals", "latin.csv").lower()
-    assert "text.pt" in refused(capsys, "--policy", good, "--out", Path("text.pt") / "below")
-    for count in ("0", "-3", "many", "1.5"):
-        refused(capsys, "--policy", good, "--episodes", count)
-    for seed in ("-1", str(2**63), "7" * 5000):
-        assert len(refused(capsys, "--policy", good, "--seed", seed)) < 200, "not all its digits"
-    refused(capsys, "--policy", good, "--goals", "")  # a variable of the shell that is not set
-    refused(capsys, "--policy", good, "--out", Path("text.pt") / "two\nlines")
-    assert "--episodes" in refused(capsys, "--goals", "latin.csv", "--episodes", "3")
-    assert "--policy" in refused(capsys, "--imu", "--policy", good), "which of the two is shown?"
-    assert "04_ppo.py --imu" in refused(capsys, "--imu"), "there is none with an IMU"
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    assert "pip install mujoco" in refused(capsys, "--mujoco", "--policy", other)
-
-SETTINGS = asdict(B)
-DAMAGED = {
-    "cut off": '{"settings": {"forward": 0.2',
-    "no object": "[1, 2]",
-    "no settings": '{"factor": 2.0, "turning_gain": 0.6}',
-    "one setting is missing": json.dumps({"settings": {
-        name: value for name, value in SETTINGS.items() if name != "forward"}}),
-    "one too many": json.dumps({"settings": SETTINGS | {"speed": 1.0}}),
-    "a word": json.dumps({"settings": SETTINGS | {"forward": "fast"}}),
-    "a word for the filter": json.dumps({"settings": SETTINGS | {"time_constant": "slow"}}),
-    "nothing": json.dumps({"settings": SETTINGS | {"turning": None}}),
-    "nan": json.dumps({"settings": SETTINGS | {"gain": math.nan}}),
-    "below 0": json.dumps({"settings": SETTINGS | {"gain": -1e308}}),
-    "no speed": json.dumps({"settings": SETTINGS | {"sideways": 0}}),
-}
-
-@pytest.mark.parametrize("damage", DAMAGED)
-def test_a_damaged_tuned_baseline_is_one_line(damage, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/pymunk/policy.pt"))
-    Path("results/pymunk/baseline_tuned.json").write_text(DAMAGED[damage])
-    monkeypatch.setattr(evaluate, "run", lambda *_: pytest.fail(f"{damage}: accepted"))
-    message = refused(capsys, "--episodes", 1, "--out", "out")
-    assert "baseline_tuned.json" in message, f"{damage}: name the file: {message}"
-    assert not Path("out").exists(), "check everything first, then write"
-
-def npz(**changed):
-    """A search.npz with other contents; None: without it."""
-    def write(path):
-        with np.load(path) as stored:
-            content = dict(stored) | changed
-        np.savez_compressed(path, **{key: v for key, v in content.items() if v is not None})
-    return write
-
-FITS = env.fingerprint("pymunk")
-DAMAGED_SEARCH = {
-    "empty": lambda path: path.write_bytes(b""),
-    "a text": lambda path: path.write_text("no table"),
-    "cut off": lambda path: path.write_bytes(path.read_bytes()[:20_000]),
-    "no moves": npz(moves=None),
-    "nothing about it": npz(about=None),
-    "about is no JSON": npz(about="{"),
-    "about is a list": npz(about="[]"),
-    "fits is a list": npz(about='{"fits": [], "factor": 1, "change": 1}'),
-    "factor is missing": npz(about=json.dumps({"fits": FITS, "change": 1})),
-    "an object": npz(moves=np.array([{}], object)),
-    "of another map": npz(parts=np.zeros((4, 9, 9), np.int16)),
-    "fewer moves than steps": npz(moves=np.zeros((3, 3))),
-    "moves to nowhere": npz(moves=np.full((281, 3), np.nan)),
-    "a change in words": npz(about=json.dumps({"fits": FITS, "factor": 1, "change": "a bit"})),
-}
-
-@pytest.mark.parametrize("damage", DAMAGED_SEARCH)
-def test_a_damaged_search_is_one_line(damage, tmp_path):
-    path = save_search(tmp_path / "search.npz")
-    DAMAGED_SEARCH[damage](path)
-    with pytest.raises(evaluate.InputError, match="search.npz: not written by") as caught:
-        evaluate.load(path, "pymunk")
-    assert not isinstance(caught.value, evaluate.StaleError), "damaged, not made for another robot"
-
-def test_a_search_with_a_wrong_byte_is_refused_or_harmless(tmp_path):
-    path = save_search(tmp_path / "search.npz")
-    data, value = path.read_bytes(), evaluate.load(path, "pymunk")[1].value
-    for at in range(60, len(data), len(data) // 40):
-        path.write_bytes(data[:at] + bytes([data[at] ^ 255]) + data[at + 1:])
-        try:
-            found = evaluate.load(path, "pymunk")[1].value
-        except evaluate.InputError:
-            continue
-        np.testing.assert_array_equal(found, value, f"byte {at}: another map, and nobody noticed")
-
-def test_a_damaged_search_ends_the_evaluation(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/pymunk/policy.pt"))
-    Path("results/pymunk/search.npz").write_text("no table")
-    monkeypatch.setattr(evaluate, "run", lambda *_: pytest.fail("accepted"))
-    assert "results/pymunk/search.npz" in refused(capsys, "--episodes", 1, "--out", "out")
-    assert not Path("out").exists(), "check everything first, then write"
-
-@pytest.mark.parametrize("name, save", [("baseline_tuned.json", save_tuned),
-                                        ("search.npz", save_search)])
-def test_what_was_made_for_another_robot_is_left_out(name, save, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/pymunk/policy.pt"))
-    planner, path = name.split(".", maxsplit=1)[0], Path("results/pymunk", name)
-    save(path)
-    assert planner in evaluate.choose_planners("pymunk")[0]
-    assert not capsys.readouterr().err
-    save(path, sim="mujoco")
-    planners, about = evaluate.choose_planners("pymunk")
-    assert planner not in planners and planner not in about
-    line, = capsys.readouterr().err.strip().splitlines()
-    assert line.startswith(f"left out: {path}: ") and "simulator is mujoco" in line, line
-    assert "tests/studies/" in line, "say how to make a new one"
-
 
 # ------------------------------------------------------------------------ which planners
-def test_runs_win_over_results(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_your_own_policy_goes_before_the_shipped_one(short_trials):
     for steps, folder in enumerate(("results", "runs")):
         save_untrained(Path(folder, "pymunk/policy.pt"), steps=steps)
-        save_untrained(Path(folder, "pymunk/imu/policy.pt"), imu=True, steps=steps)
-        save_tuned(Path(folder, "pymunk/baseline_tuned.json"), forward=0.5 + steps)
-        save_search(Path(folder, "pymunk/search.npz"))
-        planners, about = evaluate.choose_planners("pymunk")
-        assert set(about) == {"policy", "policy_imu", "baseline_tuned", "search"}
-        for name, facts in about.items():
-            assert facts["file"].startswith(f"{folder}/pymunk/"), f"{name}: your own before ours"
-        assert about["policy"]["steps"] == about["policy_imu"]["steps"] == steps
-        assert planners["baseline_tuned"].settings == replace(OTHER, forward=0.5 + steps), (
-            "all eight numbers come from the file")
-    Path("runs/pymunk/policy.pt").unlink()
-    about = evaluate.choose_planners("pymunk")[1]
-    assert [about[name]["file"] for name in ("policy", "policy_imu")] == [
-        "results/pymunk/policy.pt", "runs/pymunk/imu/policy.pt"], "each file on its own"
-    chosen = save_untrained(tmp_path / "mine.pt", steps=7)
-    assert evaluate.choose_planners("pymunk", chosen)[1]["policy"]["steps"] == 7, "--policy wins"
+        planners, facts = evaluate.choose_planners("pymunk")
+        assert list(planners) == ["policy", "baseline_tuned", "baseline"]
+        assert facts == {"file": f"{folder}/pymunk/policy.pt", "imu": False, "steps": steps,
+                         "minutes": 0.1, "seed": 0}
 
-def test_the_policy_for_the_figures_comes_first(tmp_path, monkeypatch):
+def test_baselines_have_the_settings_of_the_paper_and_of_the_simulator(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/mujoco/policy.pt"), "mujoco")
-    save_untrained(Path("results/mujoco/imu/policy.pt"), "mujoco", imu=True)
-    save_tuned(Path("results/mujoco/baseline_tuned.json"), "mujoco")
-    for imu, first in ((False, "policy"), (True, "policy_imu")):
-        planners, about = evaluate.choose_planners("mujoco", imu=imu)
-        assert next(iter(planners)) == next(iter(about)) == first
-        assert set(planners) == {"policy", "policy_imu", "baseline", "baseline_tuned"}
-        assert about["policy_imu"]["imu"] and not about["policy"]["imu"]
-    shutil.rmtree("results/mujoco/imu")
-    assert "policy" in evaluate.choose_planners("mujoco")[0], "nobody asked for the other one"
-    with pytest.raises(evaluate.InputError, match="04_ppo.py --mujoco --imu"):
-        evaluate.choose_planners("mujoco", imu=True)
+    for sim in ("pymunk", "mujoco"):
+        path = save_untrained(Path("results", sim, "policy.pt"), sim)
+        planners, facts = evaluate.choose_planners(sim)
+        assert facts["file"] == path.as_posix()
+        assert planners["baseline"].settings == B
+        assert planners["baseline_tuned"].settings == evaluate.TUNED[sim] != B
 
-def test_a_second_policy_that_does_not_fit_is_left_out(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/pymunk/policy.pt"))
-    save_untrained(Path("results/pymunk/imu/policy.pt"), "mujoco", imu=True)
-    assert set(evaluate.choose_planners("pymunk")[0]) == {"policy", "baseline"}
-    assert "left out: results/pymunk/imu/policy.pt" in capsys.readouterr().err, "say so"
-    assert "imu/policy.pt" in refused(capsys, "--imu"), "now somebody asked for it"
+def test_rows_are_called_like_their_files(short_trials, capsys):
+    policies = [save_untrained(Path(name), imu="imu" in name, steps=steps) for steps, name in
+                enumerate(("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt"))]
+    mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
+    planners, facts = evaluate.choose_planners("pymunk", policies, mine)
+    assert list(planners) == ["policy", "a/policy", "imu/policy", "seed_1", "mine", "b/mine",
+                              "b/baseline", "baseline_tuned", "baseline"], (
+        "the first policy, then every file's name, with its folder where the name is taken")
+    assert facts["file"] == "first.pt", "with --policy the shipped one is not added"
+    assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
+    said = capsys.readouterr().out.splitlines()
+    for steps, (line, name) in enumerate(zip(said, ("policy", "a/policy", "imu/policy"))):
+        assert line.startswith(name) and f"'steps': {steps}" in line, "say which file is judged"
 
-def test_an_imu_policy_alone_is_not_what_was_asked_for(tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    save_untrained(Path("results/pymunk/imu/policy.pt"), imu=True)
-    assert "`python 04_ppo.py`" in refused(capsys, "--episodes", 1), "say how to get the other one"
-    monkeypatch.setattr(robot_model, "CORES", 1)
-    monkeypatch.setattr(evaluate, "run", lambda world, blocks, planners, *_: print(*planners))
-    evaluate.main(["--imu", "--episodes", "1"])
-    assert capsys.readouterr().out.split() == ["policy_imu", "baseline"]
+def test_two_planners_with_one_name_are_one_line(short_trials, capsys):
+    files = [own_planner(name) for name in ("mine.py", "b/mine.py", "c/b/mine.py")]
+    message = refused(capsys, "--planner", *files)
+    assert str(files[2]) in message and "called b/mine" in message, message
+    assert "called mine" not in refused(capsys, "--planner", *files), "b/mine is a name of its own"
+
+@pytest.mark.parametrize("flags, mention", [
+    (["--policy", "missing.pt"], "missing.pt: no such file"),
+    (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
+    (["--policy", "other.pt"], "other.pt: made for another robot, walk or task: simulator is mujoco"
+                               " in the file, but pymunk here"),
+    (["--policy", "results/pymunk/policy.pt", "other.pt"], "simulator is mujoco"),
+    (["--planner", "missing.py"], "missing.py: no such file"),
+    (["--planner", "text.py"], "text.py: defines no class Planner"),
+    (["--mujoco"], "results/mujoco/policy.pt: no such file")], ids=str)
+def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, mention):
+    save_untrained(Path("other.pt"), "mujoco")
+    Path("text.py").write_text("class Other: pass")
+    assert mention.replace("/", os.sep) in refused(capsys, *flags).replace("/", os.sep)
+
+def test_a_policy_of_another_walk_is_refused(short_trials, monkeypatch, capsys):
+    tuned = env.walk_engine.TUNED["pymunk"]
+    monkeypatch.setitem(env.walk_engine.TUNED, "pymunk", replace(tuned, frequency=9.0))
+    assert "walk parameters: frequency" in refused(capsys), "the steps would not be as learned"
+
+
+# ------------------------------------------------------------------------ a planner of one's own
+def test_a_planner_of_one_s_own_is_a_row_beside_the_others(short_trials):
+    content = call("--planner", own_planner("mine.py"), "--episodes", 2)
+    names = ["policy", "mine", "baseline_tuned", "baseline"]
+    assert [row["planner"] for row in content["rows"]] == names
+    lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()[1:]
+    ends = [line.split(",", 1)[1] for line in lines]
+    assert ends[:2] == ends[2:4], "both step on the spot, in the same worlds"
+
+@pytest.mark.parametrize("line, rule", [
+    ("return actions[:, :5]", r"of shape \(2, 6\)"), ("return actions[:1]", r"of shape \(2, 6\)"),
+    ("return None", r"of shape \(2, 6\)"), ("actions[1, 2] = np.nan", "must be finite"),
+    ("actions[0, 0] = 1.01", "must lie between 0 and 1"),
+    ("actions[0, 0] = -0.01", "must lie between 0 and 1")])
+def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, line, rule):
+    planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", line))
+    with pytest.raises(ValueError, match=f"mine.py: actions .*{rule}"):
+        evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
+
+@pytest.mark.parametrize("error", ["KeyError", "OSError", "ValueError", "SystemError"])
+def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
+    path = own_planner("mine.py", f"raise {error}('one of mine')")
+    with pytest.raises(Exception, match="one of mine") as caught:
+        call("--planner", path, "--episodes", 2)
+    assert type(caught.value).__name__ == error
+    last = traceback.extract_tb(caught.value.__traceback__)[-1]
+    assert (Path(last.filename).name, last.lineno) == ("mine.py", LINE), "where it was raised"
+
+def test_an_error_while_a_planner_s_file_is_read_is_no_bad_file(short_trials):
+    Path("mine.py").write_text("open('no such file of mine')")
+    with pytest.raises(FileNotFoundError, match="of mine"):
+        call("--planner", "mine.py")
+
+def test_a_planner_may_import_what_lies_beside_it(short_trials, world, tmp_path):
+    """From another folder, too; and it lives in the main thread, where a debugger works."""
+    path = own_planner("a folder/mine.py", "import beside_mine; return beside_mine.same(actions)")
+    path.with_name("beside_mine.py").write_text(
+        "import threading\n"
+        "assert threading.current_thread() is threading.main_thread()\n"
+        "def same(actions): return actions\n")
+    for place in (path, path.resolve()):
+        planner = evaluate.load_planner(place)
+        sys.modules.pop("beside_mine", None)
+        found = evaluate.evaluate(planner, world, to(np.ones((2, 3))))
+        assert found["outcome"].tolist() == ["timeout"] * 2
+        del sys.path[0]
 
 
 # ------------------------------------------------------------------------ from end to end
-def test_from_a_policy_file_to_the_table(tmp_path, monkeypatch):
-    """Once on all cores in a process of its own, as a student calls it, and once on one core here.
+PLOT_FOOTSTEPS = evaluate.plot_footsteps  # before `short_trials` puts it aside
 
-    All files, and the same numbers.
-    """
-    monkeypatch.chdir(tmp_path)
-    save_untrained(tmp_path / "runs/pymunk/imu/policy.pt", imu=True)
-    save_untrained(tmp_path / "results/pymunk/policy.pt")
-    save_tuned(tmp_path / "results/pymunk/baseline_tuned.json")
-    save_search(tmp_path / "results/pymunk/search.npz")
-    (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n0.01,0,0.05\n0,-0.01,-0.05\n")
-    arguments = ["--noise", "--goals", "goals.csv", "--out"]
-    done = subprocess.run([sys.executable, SCRIPT, *arguments, "one"], capture_output=True,
-                          encoding="utf-8", env=os.environ | {"PYTHONUTF8": "1"}, check=False)
-    assert done.returncode == 0, done.stderr
-    monkeypatch.setattr(robot_model, "CORES", 1)
-    monkeypatch.setattr(evaluate, "FIGURE_GOALS", np.zeros((2, 3)))  # quickly: it has been drawn
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
-    evaluate.main([*arguments, "two"])
-    texts = [[Path(out, name).read_text(encoding="utf-8") for name in (
-        "evaluation.json", "trials.csv", "table.md")] for out in ("one", "two")]
-    assert texts[0] == texts[1], "the same seed gives the same numbers, whatever the cores"
-    assert "results/pymunk/policy.pt" in done.stdout and texts[0][2] in done.stdout
-    assert (tmp_path / "one/footsteps.png").read_bytes().startswith(b"\x89PNG")
+def test_from_a_policy_file_to_the_table(short_trials, tmp_path, monkeypatch, capsys):
+    Path("mine.py").write_text(
+        "from importlib import import_module\n"
+        "evaluate = import_module('05_evaluate')\n"
+        "def Planner(): return evaluate.BaselinePlanner(evaluate.TUNED['pymunk'])\n")
+    Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.01,0,0.05\n0,-0.01,-0.05\n")
+    drawn = []
+    monkeypatch.setattr(evaluate, "plot_footsteps", lambda walks, path: (
+        drawn.extend(walks), PLOT_FOOTSTEPS(walks, path)))
+    content = call("--noise", "--goals", "goals.csv", "--planner", "mine.py")
+    shown = capsys.readouterr().out
+    trials, table = (Path("out", name).read_text(encoding="utf-8") for name in (
+        "trials.csv", "table.md"))
+    assert "results/pymunk/policy.pt" in shown and table in shown
+    assert drawn == ["baseline", "baseline_tuned", "mine"], "your planner goes before the policy"
+    assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert not list(tmp_path.rglob("*.tmp*")), "a temporary file was left behind"
 
-    content = json.loads(texts[0][0])
     assert content["sim"] == "pymunk" and content["policy"]["steps"] == 10
-    names = ["policy", "policy_imu", "baseline_tuned", "search", "baseline"]
+    assert content["goals"] == "goals.csv" and content["friction"] == "drawn"
+    names = ["policy", "mine", "baseline_tuned", "baseline"]
     assert [(r["planner"], r["noise"]) for r in content["rows"]] == [
         (name, noise) for noise in (False, True) for name in names]
     for row in content["rows"]:
@@ -1072,97 +798,56 @@ def test_from_a_policy_file_to_the_table(tmp_path, monkeypatch):
         assert row["success_ci95"][0] <= row["success"] <= row["success_ci95"][1]
         assert row["reached_once"] >= row["success"], "to stay is more than to arrive"
         assert ("noise_m" in row) == row["noise"]
-    assert content["friction"] == "drawn"
-    assert len(content["ratios"]) == 40, "five planners × the other four × two noise settings"
-    lines = list(csv.DictReader(texts[0][1].splitlines()))
+    assert len(content["ratios"]) == 24, "four planners × the other three × two noise settings"
+    lines = list(csv.DictReader(trials.splitlines()))
     assert list(lines[0]) == ["planner", "noise", "goal_std_m", "seed", "trial", "x", "y", "yaw",
                               "mu", "outcome", "time", "steps", "still_there", "reached_once",
                               "time_once"]
     assert [line["trial"] for line in lines] == ["0", "1", "2"] * len(content["rows"])
     goals = {name: [line["x"] for line in lines if line["planner"] == name] for name in names}
     assert all(goal == goals["policy"] for goal in goals.values()), "the same goals for everyone"
+    ends = {name: [{**line, "planner": ""} for line in lines if line["planner"] == name]
+            for name in names}
+    assert ends["mine"] == ends["baseline_tuned"], "the same planner in the same worlds"
     for line in lines:
         assert line["outcome"] in evaluate.OUTCOMES and line["still_there"] in ("yes", "no")
         double_steps = int(line["steps"]) - (line["outcome"] == "success")  # the first of the two
         assert float(line["time"]) == pytest.approx(PERIOD * double_steps)
         assert line["outcome"] != "success" or line["reached_once"] == "yes"
-    assert "paper" not in texts[0][2], "the paper's rows are about its goals, not about yours"
-    assert evaluate.table(content["rows"], content["ratios"], {}) == texts[0][2]
+    assert "paper" not in table, "the paper's rows are about its goals, not about yours"
+    assert evaluate.table(content["rows"], content["ratios"]) == table
 
-@pytest.fixture
-def short_trials(tmp_path, monkeypatch):
-    """A folder with both policies, and 2 s for a trial: the command line in a second."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT, cores=1))
-    save_untrained(Path("results/pymunk/policy.pt"))
-    save_untrained(Path("results/pymunk/imu/policy.pt"), imu=True)
-
-@pytest.mark.parametrize("flags, first", [([], "policy"), (["--imu"], "policy_imu")])
-def test_evaluation_names_the_policy_of_the_figures(short_trials, monkeypatch, flags, first):
-    drawn = []
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda walks, path: drawn.extend(walks))
-    evaluate.main([*flags, "--episodes", "2", "--out", "out"])
-    content = json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
-    assert drawn == ["baseline", first]
-    assert content["policy"] == content["planners"][first], (
-        f"with {flags or 'no flags'} the figures show {first}, and so says evaluation.json")
-    assert content["policy"]["imu"] == (first == "policy_imu")
-    assert {row["planner"] for row in content["rows"]} == {"policy", "policy_imu", "baseline"}
-
-def told_trials(folder):
+def told_trials():
     """What trials.csv tells of every trial, by planner, noise, seed, number and goal."""
-    with open(Path(folder, "trials.csv"), encoding="utf-8") as file:
+    with open("out/trials.csv", encoding="utf-8") as file:
         return {tuple(line[name] for name in ("planner", "noise", "seed", "trial", "x", "y")): {
             name: text for name, text in line.items() if name != "goal_std_m"}
             for line in csv.DictReader(file)}
 
-@pytest.mark.parametrize("flags", [[], ["--far"], ["--friction", "0.4"]], ids=str)
-def test_trials_given_back_with_goals_end_as_before(short_trials, monkeypatch, flags):
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
-    save_tuned(Path("results/pymunk/baseline_tuned.json"))
-    evaluate.main(["--noise", "--episodes", "3", "--seed", "6", *flags, "--out", "one"])
-    content = json.loads(Path("one/evaluation.json").read_text(encoding="utf-8"))
-    spreads = [0.5, 1.0] if flags == ["--far"] else [0.5]
-    names = ["policy", "policy_imu", "baseline_tuned", "baseline"]
+def test_trials_given_back_with_goals_end_as_before(short_trials):
+    content = call("--noise", "--episodes", 2, "--seed", 6, "--far", "--friction", 0.4)
+    names = ["policy", "baseline_tuned", "baseline"]
     assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
-        *itertools.product(spreads, (False, True), names)], "far goals are a block of their own"
-    first = told_trials("one")
-    assert len(first) == 3 * len(content["rows"])
-    friction = {float(line["mu"]) for line in first.values()}
-    if "--friction" in flags:
-        assert content["friction"] == 0.4 and friction == {0.4}
-    else:
-        assert content["friction"] == "drawn" and len(friction) == 3, "as drawn, for all the same"
+        *itertools.product((0.5, 1.0), (False, True), names)], "far goals: a block of their own"
+    first = told_trials()
+    assert len(first) == 2 * len(content["rows"])
+    assert content["friction"] == 0.4 and {line["mu"] for line in first.values()} == {"0.4"}
+    assert content["seed"] == 6 and {line["seed"] for line in first.values()} == {"6"}
 
-    head, *lines = Path("one/trials.csv").read_text(encoding="utf-8").splitlines()
-    Path("some.csv").write_text("\n".join([head, *lines[:1:-1]]))  # backwards, without two lines
-    evaluate.main(["--noise", "--goals", "some.csv", "--out", "two"])
-    second = told_trials("two")
+    head, *lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()
+    Path("some.csv").write_text("\n".join([head, *lines[:0:-1]]))  # backwards, without one line
+    call("--noise", "--goals", "some.csv")
+    second = told_trials()
     assert len(second) == len(first), "every planner meets every trial that a line is about"
     for key, line in second.items():
         assert line == first[key], f"{key}: the same μ, outcome, time and steps"
 
-def test_an_interrupted_film_leaves_the_old_one_and_nothing_else(tmp_path, monkeypatch):
-    (tmp_path / "animation.gif").write_bytes(b"the old one")
-    walk = {"torso": np.zeros((30, 6)), "joints": np.zeros((30, 12)), "ending": "falls"}
-    called = []
-
-    def draw_walk(*_):
-        called.append(1)
-        if len(called) == 3:
-            raise KeyboardInterrupt
-    monkeypatch.setattr(evaluate, "draw_walk", draw_walk)
-    with pytest.raises(KeyboardInterrupt):
-        evaluate.plot_race({"policy": walk}, tmp_path / "animation.gif", robot_model.RobotModel())
-    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"the old one"]
-
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials, monkeypatch):
-    task = env.Task(time_limit=6 * PERIOD)
+    task = env.Task(time_limit=4 * PERIOD)
     monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=task))
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
-    evaluate.main(["--gif", "--episodes", "1", "--policy", "results/pymunk/policy.pt"])
-    with PIL.Image.open("runs/pymunk/animation.gif") as film:
+    call("--gif", "--episodes", 1)
+    with PIL.Image.open("out/animation.gif") as film:
         frames, seconds = [], []
         for number in range(film.n_frames):
             film.seek(number)
@@ -1176,206 +861,111 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials, monkeypatch):
     moved = np.array(changed) > 0.001  # [frames − 1] less is dithering
     assert moved.sum() > 10, "the robot stands still in the film"
     walk = sum(seconds[: np.flatnonzero(moved)[-1] + 1])
-    assert walk == pytest.approx(3 * PERIOD, abs=0.15), "six double steps, twice as fast"
+    assert walk == pytest.approx(2 * PERIOD, abs=0.15), "four double steps, twice as fast"
     assert sum(seconds) > walk + 1, "the end stays for a while"
     assert not list(Path().rglob("*.tmp*")), "a temporary file was left behind"
 
-def test_an_interrupted_evaluation_ends_its_processes(short_trials, monkeypatch):
-    """And then `robot_model.run` says so in one line: tests/test_hostile.py."""
-    def interrupted(world, *_):
-        close = world.close
-        world.close = lambda: closed.append(close())
-        raise KeyboardInterrupt
-
-    closed = []
-    monkeypatch.setattr(evaluate, "run", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        evaluate.main(["--episodes", "1"])
-    assert len(closed) == 1
-
-
-# ------------------------------------------------------------------------ a planner of one's own
-PLANNER = """
-import sys
-import time
-import numpy as np
-
-class Planner:
-    def reset(self, num_robots):
-        pass
-
-    def act(self, view, robots, measured):
-        actions = np.tile(view.neutral_action, (len(robots), 1))
-        {line}
-        return actions
-"""
-
-def own_planner(folder, line="pass", name="mine.py"):
-    """The file of a planner that steps on the spot and does something else before."""
-    path = Path(folder, name)
-    path.write_text(PLANNER.format(line=line))
-    return path
-
-def test_a_planner_of_one_s_own_has_a_name_that_is_none_of_ours(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    policy = save_untrained(Path("results/pymunk/policy.pt"))
-    for name in ("policy", "baseline"):  # without an ending
-        planners, _ = evaluate.choose_planners("pymunk", own=own_planner(".", name=name))
-        assert list(planners) == [f"{name}.py", "policy", "baseline"], policy
-    planners, _ = evaluate.choose_planners("pymunk", own=own_planner(".", name="a, b.py"))
-    assert next(iter(planners)) == "a; b.py", "a comma ends a cell of trials.csv"
-
-def test_a_planner_of_one_s_own_is_a_row_beside_the_others(short_trials, monkeypatch):
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
-    evaluate.main(["--planner", str(own_planner(".")), "--episodes", "2", "--out", "out"])
-    content = json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
-    assert [row["planner"] for row in content["rows"]] == [
-        "mine.py", "policy", "policy_imu", "baseline"], "it comes first, and so it fails early"
-    assert content["policy"] == content["planners"]["policy"]
-    assert content["planners"]["mine.py"] == {"file": "mine.py"}
-    lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()[1:]
-    ends = [line.split(",", 1)[1] for line in lines if line.startswith(("policy,", "mine.py,"))]
-    assert ends[:2] == ends[2:], "both step on the spot, in the same worlds"
-
-@pytest.mark.parametrize("line, mention", [
-    ("raise KeyError('one\\ntwo')", "KeyError"), ("return actions[:, :5]", "shape (2, 6)"),
-    ("actions[1, 2] = np.nan", "finite"), ("actions[0, 0] = 1.01", "between 0 and 1"),
-    ("actions[0, 0] = -0.01", "between 0 and 1"), ("return 'left'", "finite"),
-    ("return None", "finite"), ("return actions.tolist()[:1]", "shape (2, 6)"),
-    ("sys.exit(3)", "SystemExit(3)"), ("time.sleep(1.5)", "0.5 s"), ("}", "SyntaxError")])
-def test_what_a_planner_does_wrong_is_one_line(short_trials, monkeypatch, capfd, line, mention):
-    monkeypatch.setattr(evaluate, "PATIENCE", 0.5)
-    path = own_planner(".", line)
-    assert run_main("--planner", path, "--episodes", 2, "--out", "out") == 2, "exit code 2"
-    shown = capfd.readouterr().err  # with the progress bar of the others
-    message, = (text for text in shown.splitlines() if text and "rows" not in text)
-    assert message.startswith("05_evaluate.py: mine.py") and mention in message, message
-
-@pytest.mark.parametrize("text, mention", [
-    ("class Other: pass", "Planner"), ("Planner = 3", "not callable"), (None, "No such file"),
-    ("class Planner:\n    def reset(self, number): pass", "act"), ("class Planner: pass", "reset"),
-    ("import sys; sys.exit()", "SystemExit()"), ("import time; time.sleep(1.5)", "0.5 s")])
-def test_a_file_without_a_planner_is_one_line(tmp_path, monkeypatch, text, mention):
-    monkeypatch.setattr(evaluate, "PATIENCE", 0.5)
-    path = tmp_path / "mine.py"
-    if text is not None:
-        path.write_text(text)
-    with pytest.raises(evaluate.InputError) as caught:
-        planner = evaluate.OwnPlanner(path)
-        planner.reset(1)
-        planner.act(STANDS, np.array([0]), np.zeros((1, 3)))
-    message = str(caught.value)
-    assert message.startswith(str(path)) and mention in message and "\n" not in message, message
-
-def test_a_mistake_in_a_planner_is_told_with_its_line(tmp_path):
-    path = own_planner(tmp_path, "view.nothing")
-    line = path.read_text().partition("view.nothing")[0].count("\n") + 1
-    planner = evaluate.OwnPlanner(path)
-    planner.reset(1)
-    with pytest.raises(evaluate.InputError, match=f"mine.py, line {line}: AttributeError"):
-        planner.act(STANDS, np.array([0]), np.zeros((1, 3)))
-
-def test_a_planner_of_one_s_own_cannot_change_the_world(world, tmp_path):
-    scribble = "; ".join(f"{name}[:] = 9" for name in (
-        "view.neutral_action", "view.actions", "view.observation", "robots", "measured"))
-    asked, runs = to(np.ones((4, 3))), []
-    for line in ("pass", scribble):
-        planner = evaluate.OwnPlanner(own_planner(tmp_path, line))
-        ended = evaluate.evaluate(planner, world, asked, noise=True)
-        runs.append([*ended.values(), world.pose[:4].copy(), world.actions[:4].copy(),
-                     world.goal[:4].copy(), world.neutral_action.copy()])
-    for honest, scribbled in zip(*runs):
-        np.testing.assert_array_equal(honest, scribbled)
-
 
 # ------------------------------------------------------------------------ to play with
-@pytest.fixture(params=["pymunk", "mujoco"])
-def field(request):
-    """A Field on a canvas without display, with robots that have the model's own body."""
-    world = env.FootstepWorld(1, request.param, cores=1, spread=robot_model.Spread(0, 0, 0, 0, 0))
+def play(monkeypatch, script, friction=np.nan):
+    """Plays while script(world, mouse) goes on: every `yield` is one picture.
+
+    mouse("press" or "release", x, y) is at a place of the map [m].
+    """
+    world = env.FootstepWorld(1, cores=1, spread=env.Spread(0, 0, 0, 0, 0))
+    figure, axes = evaluate.plt.subplots()
+    monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
+    monkeypatch.setattr(evaluate, "draw_walk", lambda *_: None)  # takes long
+
+    def mouse(name, x, y):
+        place = axes.transData.transform((x, y))
+        event = MouseEvent(f"button_{name}_event", figure.canvas, *place, 1)
+        figure.canvas.callbacks.process(event.name, event)
+
+    pictures, late = script(world, mouse), []
+
+    def pause(seconds):
+        if next(pictures, "the end") == "the end":
+            late.append(seconds)
+            assert len(late) < 10, "the window is closed, and it walks on"
+            evaluate.plt.close(figure)
+
+    monkeypatch.setattr(evaluate.plt, "pause", pause)
     planner = evaluate.BaselinePlanner(replace(OTHER, time_constant=0.0))
-    field = evaluate.Field(world, planner, friction=0.65)
-    yield field
-    evaluate.plt.close(field.figure)
+    evaluate.play(world, planner, friction)
     world.close()
 
-def mouse(field, name, x, y):
-    """The mouse at a place of the map [m]."""
-    field.figure.canvas.draw()
-    place = field.axes.transData.transform((x, y))
-    event = MouseEvent(f"button_{name}_event", field.figure.canvas, *place, 1)
-    field.figure.canvas.callbacks.process(event.name, event)
-
-def drag(field, start, end):
-    mouse(field, "press", *start)
-    mouse(field, "release", *end)
-
-def walk_until(field, pictures, done, limit=30):
-    """Pictures of at most so many seconds."""
-    for _ in range(10 * limit):
-        next(pictures)
+def until(done, pictures=300):
+    """So many pictures at most; a picture is 0.1 s."""
+    for _ in range(pictures):
         if done():
             return
-    pytest.fail(f"not after {limit} s: pose {field.world.pose[0]}, goal {field.world.goal[0]}")
+        yield "a picture"
+    pytest.fail(f"not after {pictures} pictures")
 
-def test_the_robot_walks_where_the_mouse_says(field):
-    world, pictures = field.world, field.live()
-    next(pictures)
-    drag(field, (0.4, 0.2), (0.4, 0.5))
-    np.testing.assert_allclose(world.goal[0], [0.4, 0.2, math.pi / 2], atol=1e-3, err_msg=(
-        "pressed: the place; dragged along +y: the toes point there"))
-    walk_until(field, pictures, lambda: world.inside[0])
-    assert world.friction[0] == 0.65, "--friction is there while playing, too"
-    drag(field, (-0.2, 0.1), (-0.21, 0.1))  # hardly moved: a click
-    np.testing.assert_allclose(world.goal[0], [-0.2, 0.1, world.pose[0, 2]], atol=1e-3)
-    for _ in range(5):
-        next(pictures)
-    drag(field, (0.1, -0.3), (0.5, -0.3))  # in mid walk
-    np.testing.assert_allclose(world.goal[0], [0.1, -0.3, 0.0], atol=1e-3)
-    walk_until(field, pictures, lambda: np.hypot(*(world.pose - world.goal)[0, :2]) < 0.05)
-    before = world.goal[0].copy()
-    drag(field, (9.0, 9.0), (1.0, 1.0))  # from outside of the map
-    drag(field, (1.0, 1.0), (9.0, 9.0))
-    np.testing.assert_array_equal(world.goal[0], before, err_msg="a goal lies on the map")
+def there(world):
+    """The robot is at the goal, turned as it is."""
+    x, y, yaw = world.relative_goal([0])[0]
+    return np.hypot(x, y) < 0.05 and abs(yaw) < math.radians(10)
 
-def test_a_fall_begins_anew(field, monkeypatch):
-    world, step, pictures = field.world, field.world.step, field.live()
-    next(pictures)
-    drag(field, (1.0, 0.0), (1.5, 0.0))
-    for _ in range(10):
-        next(pictures)
+def test_the_robot_walks_where_the_mouse_says_until_the_window_closes(monkeypatch):
+    def script(world, mouse):
+        yield
+        assert world.friction[0] == 0.65, "--friction is there while playing, too"
+        mouse("press", 0.4, 0.2)
+        mouse("release", 0.4, 0.5)
+        np.testing.assert_allclose(world.goal[0], [0.4, 0.2, math.pi / 2], atol=1e-3, err_msg=(
+            "pressed: the place; dragged along +y: the toes point there"))
+        yield from until(lambda: there(world))
+        mouse("press", -0.2, 0.1)
+        mouse("release", -0.2, 0.1)
+        turned = world.pose[0, 2]
+        np.testing.assert_allclose(world.goal[0], [-0.2, 0.1, turned], atol=1e-3, err_msg=(
+            "a click: as it is turned now"))
+        mouse("press", 9.0, 9.0)  # outside of the map
+        mouse("release", 9.0, 1.0)
+        np.testing.assert_allclose(world.goal[0, :2], [-0.2, 0.1], atol=1e-3)
+        yield from until(lambda: there(world))
+        ended.append(world.steps[0])
 
-    def falls(actions, robots):
-        return step(actions, robots) | {"fall": np.array([True])}
+    ended = []
+    play(monkeypatch, script, friction=0.65)
+    assert ended and ended[0] > 5, "it has walked in one go"
 
-    with monkeypatch.context() as patch:
-        patch.setattr(world, "step", falls)
-        walk_until(field, pictures, lambda: field.axes.get_title() == "fell")
-    walk_until(field, pictures, lambda: "press" in field.axes.get_title(), limit=2)
-    assert world.steps[0] == 1 and not world.goal[0].any(), "it stands up at the origin"
-    assert np.hypot(*world.pose[0, :2]) < 0.1
+def test_a_fall_begins_anew_at_the_origin(monkeypatch):
+    def script(world, mouse):
+        step = world.step
+        mouse("press", 1.0, 0.0)
+        yield from until(lambda: world.pose[0, 0] > 0.2)
+        monkeypatch.setattr(world, "step", lambda actions, robots: (
+            step(actions, robots) | {"fall": np.array([True])}))
+        before = world.steps[0]
+        yield from until(lambda: world.steps[0] > before)
+        monkeypatch.setattr(world, "step", step)
+        yield from until(lambda: world.steps[0] == 1, pictures=20)
+        ended.append(world.pose[0].copy())
+        np.testing.assert_allclose(world.goal[0, :2], [1, 0], atol=1e-3)
+
+    ended = []
+    play(monkeypatch, script)
+    assert ended and np.hypot(*ended[0][:2]) < 0.15
+
+def test_play_is_with_the_first_planner_of_your_own(short_trials, monkeypatch):
+    played = []
+    monkeypatch.setattr(evaluate, "play", lambda *given: played.append(given))
+    files = Path("results/pymunk/policy.pt"), save_untrained(Path("second.pt"))
+    evaluate.main(["--play", "--friction", "0.5", "--policy", *map(str, files),
+                   "--planner", str(own_planner("mine.py"))])
+    (world, planner, friction), = played
+    assert len(world.goal) == 1 and friction == 0.5
+    assert type(planner).__module__ == "mine.py"
 
 def test_play_without_a_display_is_one_line(short_trials, monkeypatch, capsys):
     def none(backend):
         raise ImportError(f"Cannot load backend {backend!r}")
 
     monkeypatch.setattr(evaluate.plt, "switch_backend", none)
-    assert "--play needs a display" in refused(capsys, "--play")
-
-def test_play_ends_when_its_window_is_closed(short_trials, monkeypatch):
-    seen = []
-
-    def pause(seconds):
-        seen.append(evaluate.plt.gcf())
-        if len(seen) == 12:
-            evaluate.plt.close(seen[-1])
-
-    monkeypatch.setattr(evaluate.plt, "switch_backend", lambda backend: None)
-    monkeypatch.setattr(evaluate.plt, "pause", pause)
-    evaluate.main(["--play", "--planner", str(own_planner("."))])
-    assert len(seen) == 12 and len(set(seen)) == 1
-
-def test_play_with_a_bad_planner_is_one_line(short_trials, monkeypatch, capsys):
-    monkeypatch.setattr(evaluate.plt, "switch_backend", lambda backend: None)
-    message = refused(capsys, "--play", "--planner", own_planner(".", "raise ValueError('no')"))
-    assert "mine.py, line 12: ValueError('no')" in message
+    with pytest.raises(SystemExit) as stopped:
+        evaluate.main(["--play", "--out", "out"])
+    message, = capsys.readouterr().err.splitlines()
+    assert stopped.value.code == 2 and "--play needs a display" in message

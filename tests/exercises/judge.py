@@ -3,8 +3,9 @@
     python tests/exercises/judge.py ada.py bob.py --seed 417
 
 Runs `05_evaluate.py --mujoco --noise --far --planner FILE --seed SEED` for each file (also
-`--episodes`), writes to runs/contest/ and prints the points; a failing file is named and left
-out. Only --episodes 500, the default, counts. Without a file: the field, as shipped in results/.
+`--episodes`), writes to runs/contest/ and prints the points. A file that fails, or takes too long,
+is named and left out. Only --episodes 500, the default, counts. Without a file: the field, as
+shipped in results/.
 """
 
 import argparse
@@ -19,6 +20,7 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
 STAYS = 0.7  # least share of the successes that is still there
+PATIENCE = 1800  # [s] for each file
 
 def points(rows):
     """The fewest win: seconds, falls and time-outs of the rows with noise; None: disqualified."""
@@ -49,12 +51,13 @@ def ranking(found):
         for row in found[name]:
             time = "none" if row["time_mean"] is None else f"{row['time_mean']:.1f} s"
             cells.append(f"{time}, {row['fall']:.3f}, {row['timeout']:.3f}")
-        still = min(row["still_there"] or 0 for row in found[name])
-        score = scores[name]
-        cells.append(f"{still:.2f}")
-        cells.append("disqualified" if score is None else "{:.1f} [{:.1f}, {:.1f}]".format(
-            score, *interval(found[name])))
-        lines.append("| " + " | ".join(cells) + " |")
+        cells.append(f"{min(row['still_there'] or 0 for row in found[name]):.2f}")
+        if scores[name] is None:
+            cells.append("disqualified")
+        else:
+            low, high = interval(found[name])
+            cells.append(f"{scores[name]:.1f} [{low:.1f}, {high:.1f}]")
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
 def noisy(folder):
@@ -78,8 +81,7 @@ def main():
     parser.add_argument("--seed", default="0")
     parser.add_argument("--episodes", default="500")
     args = parser.parse_args()
-    names = [file.name for file in args.files]
-    if len(set(names)) < len(names):
+    if len({file.stem for file in args.files}) < len(args.files):
         parser.error("two files of one name: give every contestant's file a name of its own")
     found = {} if args.files else noisy(ROOT / "results" / "mujoco")
     for file in args.files:
@@ -87,12 +89,14 @@ def main():
         command = [sys.executable, ROOT / "05_evaluate.py", "--mujoco", "--noise", "--far",
                    "--seed", args.seed, "--episodes", args.episodes, "--out", out,
                    "--planner", file.resolve()]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, encoding="utf-8",
-                              errors="replace", check=False)
-        if done.returncode:
-            print((done.stderr.splitlines() or [f"{file}: failed"])[-1], file=sys.stderr)
-        else:
+        try:
+            subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=PATIENCE,
+                           check=True)
             found |= noisy(out)
+        except subprocess.TimeoutExpired:
+            print(f"{file} is left out: longer than {PATIENCE / 60:.0f} minutes", file=sys.stderr)
+        except subprocess.CalledProcessError:
+            print(f"{file} is left out: see the error above", file=sys.stderr)
     print(ranking(found))
 
 if __name__ == "__main__":

@@ -47,9 +47,9 @@ def load(sim):
     """Share of random plans that end upright, by the largest `load` of a footstep."""
     dice = np.random.default_rng(0)
     plans = dice.random((96, 8, 2, 3))  # the same shares of the limits for every load
-    bodies = robot_model.Spread().draw(dice.spawn(96), robot_model.RobotModel())
+    bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
     for most in (1.0, 1.5, 2.0, 3.0):
-        limits = replace(walk_engine.LIMITS[sim], load=most)
+        limits = replace(env.LIMITS[sim], load=most)
         steps = env.to_footsteps(plans.reshape(96, 8, 6), limits)
         _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], steps, bodies)
         print(f"load {most:.1f}: mean |x| of a footstep {np.abs(steps[..., 0]).mean():.3f} m, "

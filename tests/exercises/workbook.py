@@ -1,6 +1,6 @@
 """The one list of the exercises in which a function is to be written.
 
-sheet.py empties these functions, ../../conftest.py grades them, ../test_workbook.py checks that
+sheet.py empties these functions, ../grading.py grades them, ../test_workbook.py checks that
 README.md beside this file agrees.
 """
 
@@ -16,8 +16,8 @@ Exercise = namedtuple("Exercise", (
     "since",  # "": all of the body; else from the statement on that begins like this
 ), defaults=("",))
 
-ROBOT, WALK, ENV, PPO = "01_robot_model", "02_walk_engine", "03_env", "04_ppo"
-EVALUATE, SEARCH = "05_evaluate", "search"
+ROBOT, ENGINE, ENV = "01_robot_model", "02_walk_engine", "03_env"
+PPO, EVALUATE = "04_ppo", "05_evaluate"
 
 BOOK = {row[0]: Exercise(*row) for row in (
     ("wrap", ROBOT, ("wrap",), 1, 10, ("test_robot", "wrap_")),
@@ -25,16 +25,15 @@ BOOK = {row[0]: Exercise(*row) for row in (
     ("fallen", ROBOT, ("fallen",), 1, 15, ("test_robot", "fall_means")),
     ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_robot", "forward_kinematics")),
     ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_robot", "leg_inverse", "inverse_")),
-    ("within", WALK, ("within",), 1, 20, ("test_walk", "within_")),
-    ("quintic", WALK, ("quintic",), 2, 30, ("test_walk", "quintic_", "rest_to_rest")),
-    ("highest_speed", WALK, ("highest_speed",), 2, 30, ("test_walk", "highest_speed")),
-    ("swing", WALK, ("WalkEngine._swing",), 3, 60,
+    ("quintic", ENGINE, ("quintic",), 2, 30, ("test_walk", "quintic_", "rest_to_rest")),
+    ("swing", ENGINE, ("WalkEngine._swing",), 3, 60,
      ("test_walk", "swing_", "all_zero", "plans_of_many")),
-    ("knot", WALK, ("WalkEngine._knot",), 3, 60, ("test_walk", "trunk_passes", "plans_of_many")),
+    ("knot", ENGINE, ("WalkEngine._knot",), 3, 60, ("test_walk", "trunk_passes", "plans_of_many")),
+    ("within", ENV, ("within",), 1, 20, ("test_env", "within_")),
     ("encode_goal", ENV, ("encode_goal",), 1, 20, ("test_env", "goal_is_encoded", "many_goals")),
     ("actions", ENV, ("to_footsteps", "to_action"), 2, 30,
      ("test_env", "actions_and_footsteps", "a_footstep_that_asks")),
-    ("reward_terms", ENV, ("reward_terms",), 2, 45,
+    ("reward_terms", ENV, ("potentials", "reward_terms"), 2, 45,
      ("test_env", "reward_formulas", "going_in_circles", "discounted_progress")),
     ("clipped_objective", PPO, ("clipped_objective",), 1, 15, ("test_ppo", "clipped_objective")),
     ("first_bias", PPO, ("ActorCritic.__init__",), 2, 30, ("test_ppo", "first_policy_is"),
@@ -50,8 +49,9 @@ BOOK = {row[0]: Exercise(*row) for row in (
     ("velocity_to_footsteps", EVALUATE, ("velocity_to_footsteps",), 2, 30,
      ("test_evaluate", "velocities_become", "planned_footsteps")),
     ("time_ratio", EVALUATE, ("time_ratio",), 2, 45, ("test_evaluate", "time_ratio")),
-    ("look_up", EVALUATE, ("look_up",), 2, 45, ("test_evaluate", "look_up")),
-    ("steps_to_go", SEARCH, ("steps_to_go",), 4, 180, ("test_evaluate", "steps_to_go")),
+    ("highest_speed", "walk", ("highest_speed",), 2, 30, ("test_studies", "highest_speed")),
+    ("look_up", "search", ("look_up",), 2, 45, ("test_studies", "look_up")),
+    ("steps_to_go", "search", ("steps_to_go",), 4, 180, ("test_studies", "steps_to_go")),
     ("beta_log_prob", "beta", ("log_beta_function", "beta_log_prob"), 1, 20,
      ("test_exercises", "beta_density", "beta_log_prob")),
     ("beta_mode", "beta", ("beta_mode",), 1, 15, ("test_exercises", "beta_mode")),
