@@ -516,7 +516,7 @@ def test_reward_formulas_for_many_robots_are_those_of_each_alone(task):
 @BOTH
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
     goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
-    world, robots = make(env.FootstepWorld, 4, sim, cores=1), np.arange(4)
+    world, robots = make(env.FootstepWorld, 4, sim, noise=True, cores=1), np.arange(4)
     world.reset(robots, [np.random.default_rng(i) for i in robots], goals)
     for _ in range(12):
         poses, last = world.pose.copy(), world.actions[:, 0].copy()

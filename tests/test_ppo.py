@@ -188,11 +188,13 @@ def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     assert model.value(torch.zeros(4, 7, 1)).shape == (4, 7), "V(s) is one number: squeeze(-1)"
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
+    torch.manual_seed(0)
     model, obs = ppo.ActorCritic(2, 1), torch.zeros(1000, 2)
+    model.sharpness = 4.0
     for raw in ([-1e4, -1e4], [1e6, -1e4], [-1e4, 1e6], [1e6, 1e6], [3e38, -1e4], [3e38, 3e38]):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
         pi, x = model.policy(obs), model.sample(obs)
-        assert ((x > 0) & (x < 1)).all(), "keep samples off 0 and 1"
+        assert ((x > 9e-7) & (x < 1 - 9e-7)).all(), "keep samples off 0 and 1"
         for name, got in (("log-probability", pi.log_prob(x)), ("entropy", pi.entropy()),
                           ("mode", pi.mode), ("mean", pi.mean)):
             assert torch.isfinite(got).all(), f"{name} for {raw}: keep α and β within bounds"
@@ -661,12 +663,22 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     stored, _ = ppo.load_policy(tmp_path / "parts" / "policy.pt")
     assert same(model, stored)
 
-def test_a_seed_is_a_training(tmp_path):
-    def run(seed):
-        return ppo.train(QUICK, wandering, tmp_path, 128, seed)[0]
-    first = run(0)
-    assert same(first, run(0)), "the same seed gives the same policy"
-    assert not same(first, run(1)), "another seed, other weights, goals and samples"
+def test_a_seed_is_a_training(tmp_path, monkeypatch):
+    seeds, reset = [], Probe.reset
+
+    def noting(self, **arguments):
+        seeds.append(arguments["seed"])
+        return reset(self, **arguments)
+
+    def run(seed, **changes):
+        return ppo.train(replace(QUICK, **changes), wandering, tmp_path, 3 * 64, seed)[0]
+
+    monkeypatch.setattr(Probe, "reset", noting)
+    assert same(run(0), run(0)), "the same seed gives the same policy"
+    begin, other = (run(seed, learning_rate=0.0) for seed in (0, 1))
+    assert not same(begin, other), "another seed, other weights at the beginning"
+    assert seeds[:2] == seeds[2:4] and len({*seeds[:2], *seeds[-2:]}) == 4, (
+        "other episodes for another seed, and after every checkpoint")
 
 def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path):
     closed = []
@@ -710,6 +722,7 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
             patch.setattr(ppo, name, never)
         again, same_rows = run(resume=True)
     assert same(model, again), "the stored model"
+    assert model.sharpness == again.sharpness == QUICK.sharpest
     np.testing.assert_equal(same_rows, rows)
     assert files() == before, "no file is written again"
     run(seed=1)

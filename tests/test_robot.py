@@ -446,7 +446,7 @@ def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(ma
     sim.reset([0], replace(bodies(1), friction=np.array([0.4])))
     sim.run(still("mujoco", 2, 1.0), np.arange(2))  # the weight settles on the soles
 
-    def velocity():  # of the centre of mass
+    def velocity(model, data):  # of the centre of mass
         mujoco.mj_forward(model, data)
         mujoco.mj_subtreeVel(model, data)
         return data.subtree_linvel[0].copy()
@@ -456,9 +456,10 @@ def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(ma
         mujoco.mj_setState(model, data, sim.state[i], FULL)
         data.qvel[:2] = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
         data.ctrl[:] = stance("mujoco")[1]
-        before, steps = velocity(), 4  # later it rocks, and a foot that turns slides elsewhere
+        before = velocity(model, data)
+        steps = 4  # later it rocks, and a foot that turns slides elsewhere
         mujoco.mj_step(model, data, steps)
-        change = velocity() - before
+        change = velocity(model, data) - before
         # ∫ horizontal force / ∫ vertical force = μ; that a foot bounces does not matter.
         mu = np.linalg.norm(change[:2]) / (change[2] + ROBOT.gravity * steps * STEP)
         assert mu == pytest.approx(friction, rel=0.02), (
