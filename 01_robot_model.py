@@ -6,9 +6,10 @@ Paper: section II-a, a simulated biped with position-controlled joints. The robo
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 64 robots stand for a second. Then each one leans forward slowly, to an angle of its own (`--seed`).
-The robot that fell at the smallest lean is drawn (`runs/<sim>/01_robot.png`); 2 seconds. Predict
-that lean: by how much must the ankles turn until the centre of mass is above the toes? In `stance`
-it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in `RobotModel`.
+The robot that fell at the smallest lean is drawn in `runs/<sim>/01_robot.png`. This takes 2
+seconds. Predict that lean: by how much must the ankles turn until the centre of mass is above the
+toes? In `stance` it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in
+`RobotModel`.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -37,13 +38,14 @@ it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in `Ro
     ankle pitch       y     lowers the toes
     ankle roll        x     lifts the left edge of the sole
 
-Frames: x forward, y left, z up. Angles are in radians, counter-clockwise about their axis; so a
-positive pitch of the torso leans forward. All twelve joints: left leg, then right leg, each in the
-order of the table. The sagittal plane is the plane of x and z. Trunk and torso are the same part:
-"trunk" is its commanded pose, "torso" its simulated pose. The support foot stands while the swing
-foot moves; the sole is the rectangle under a foot. Armature is the inertia of a motor's rotor, seen
-through the gears. Back-EMF: a turning motor is a generator, too, and brakes itself; at its speed
-limit no torque is left. Shapes: N robots, n some of them (given by their indices), T control ticks.
+Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule (the thumb
+along the axis); a positive pitch turns z towards x, so the torso leans forward. All twelve joints:
+left leg, then right leg, each in the order of the table. The sagittal plane is the plane of x and
+z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its simulated pose. The
+support foot stands while the swing foot moves; the sole is the rectangle under a foot. Armature is
+the inertia of a motor's rotor, seen through the gears. Back-EMF: a turning motor is a generator,
+too, and brakes itself; at its speed limit no torque is left. Shapes: N robots, n some of them
+(given by their indices), T control ticks.
 
 Left out: arms and head (their mass is in the torso), gear play, sensors. Only soles touch anything.
 
@@ -115,13 +117,13 @@ class RobotModel:
     gravity: float = 9.81  # [m/s²]
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
-    stiffness: float = 300.0  # [N m/rad] position gain of a motor, only in MuJoCo; our choice
+    stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of the solver; our choice, keeps the joints together
+    planar_iterations: int = 20  # [-] of its solver of forces; our choice, keeps joints together
     yaw_inertia: float = 0.05  # [kg m²] whole robot about the vertical; our estimate
     yaw_stiffness: float = 45.0  # [N m/rad] hip yaw motor; our choice
-    yaw_damping: float = 3.0  # [N m s/rad] critical for the two values above
+    yaw_damping: float = 3.0  # [N m s/rad] critical damping, 2·√(k·I) of the two values above
 
     @property
     def hips(self):
@@ -247,6 +249,7 @@ def leg_inverse(robot, position, foot_turn):
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
+    # (m_xy: row x, column y of M)
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
     #     | −cos roll·sin s       sin roll       cos roll·cos s |
@@ -264,7 +267,8 @@ def leg_inverse(robot, position, foot_turn):
 def body_inverse(robot, trunk, feet, planar=False):
     """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
 
-    trunk [..., 6]: x, y, z, roll, pitch, yaw; feet [..., 2, 4]: x, y, z of the sole, yaw.
+    trunk [..., 6]: x, y, z, roll, pitch, yaw; feet [..., 2, 4]: x, y, z of the point of the sole
+    below the ankle, yaw.
     """
     # Feet seen from a level frame at the trunk that turns with it: x, y, yaw. [..., 2, 3]
     seen = relative(trunk[..., None, [0, 1, 5]], feet[..., [0, 1, 3]])
@@ -344,7 +348,8 @@ def numbers(values):
     return " ".join(map(str, values))
 
 def mujoco_model(robot):
-    """The robot as a MuJoCo model. Each motor is a position servo with a torque-speed line:
+    """The robot as a MuJoCo model. Each motor is a position servo (it drives its joint to a target
+    angle) with a torque-speed line:
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     (<position> makes the first term, the joint's damping is the second one.) A joint that the
@@ -352,8 +357,8 @@ def mujoco_model(robot):
 
     implicitfast: the damping is computed from the velocity at the END of a step. Otherwise it would
         make the joints oscillate.
-    elliptic: friction is equal in all directions. MuJoCo's own choice, a pyramid, is 1.3 times
-        faster and lets feet skate between the axes.
+    elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
+        choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: aids of the solver. It is a third faster here without them.
     contype 0: only the three listed pairs of shapes can touch.
     condim 3: a contact has one normal force and two friction forces.
@@ -392,7 +397,11 @@ def mujoco_model(robot):
     </mujoco>""")
 
 def euler(quaternion):
-    """Roll, pitch, yaw [..., 3] of unit quaternions [..., 4] (w, x, y, z)."""
+    """Roll, pitch, yaw [..., 3] of unit quaternions [..., 4] (w, x, y, z).
+
+    A turn by φ about a unit axis n is the quaternion (cos φ/2, sin φ/2·n). The formulas compare the
+    last row and the first column of its rotation matrix with those of `rotation`.
+    """
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
@@ -422,6 +431,7 @@ class MujocoSim:
         self.standing_height = torso[2]
         self.start = np.zeros(1 + self.model.nq + self.model.nv)  # [38] standing at the origin
         self.start[self.PLACE] = torso[:3]
+        # A turn by the pitch about y, see `euler`.
         self.start[self.TURN] = math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0
         self.start[self.ANGLES] = joints
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]

@@ -1,7 +1,8 @@
 """Stage 2: how do two footsteps become a walk?
 
-Paper: the walk engine of [5]: quintic splines for the swing foot and the trunk, analytic inverse
-kinematics, open loop (without feedback) within a double step; parameters found by optimisation.
+Paper: the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for the
+swing foot and the trunk, analytic inverse kinematics, open loop (without feedback) within a double
+step; parameters found by optimisation.
 
     python 02_walk_engine.py      one plan, and four walks; 4 seconds (`--mujoco` in 3-D)
 
@@ -13,9 +14,10 @@ fast and how well it can walk, on other grounds and with other bodies, is measur
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands: in a frame that turns with the other foot and whose origin is the swing
 foot's usual place, foot_distance beside the other foot. For the right foot y and yaw are
-mirrored, so that outward is positive for both. All zeros steps on the spot;
-(0.08, 0, 0) for both feet moves it on by 0.16 m (at first less): each lands 0.08 m ahead;
-(0, 0.06, 0) for the left and zeros for the right foot move it 0.06 m to the left.
+mirrored, so that outward is positive for both. With all zeros the robot steps on the spot. With
+(0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double step moves the robot by
+0.16 m (the first one by 0.12 m, since its left foot starts beside the right one). With (0, 0.06, 0)
+for the left and zeros for the right foot it moves 0.06 m to the left.
 
 Predict: in 3-D the trunk sways from side to side in a straight walk. How far, as a share of the way
 from the middle between the feet to the support foot? Model the robot as an inverted pendulum: all
@@ -64,11 +66,11 @@ class WalkParameters:
     trunk_pitch: float = 0.1  # [rad] forward lean
     trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot
     trunk_x_offset: float = 0.0  # [m] trunk ahead of the middle of the feet
-    pitch_per_step: float = 0.0  # [rad/m] lean added per metre ahead in a single step
+    pitch_per_step: float = 0.0  # [rad/m] lean added per metre that the middle of the feet moves on
     pitch_per_turn: float = 0.0  # [rad/rad] lean added per turn in a single step, to either side
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
 
-# Found by `tests/studies/walk.py --tune`, 2026-11-21 (in 3-D by two runs of an earlier version).
+# Found by `tests/studies/walk.py --tune`, 2026-11-21 (in 3-D by two runs of an earlier script).
 TUNED = {
     "pymunk": WalkParameters(
         frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
@@ -110,6 +112,7 @@ class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
     All poses live in one fixed frame: the middle between the feet, where they stood after a reset.
+    (The simulators' origin is the torso's place then, trunk_x_offset farther ahead.)
     """
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
         p = parameters
@@ -146,13 +149,16 @@ class WalkEngine:
         """Next double step of these robots [n]: their Trajectory, and their feet.
 
         footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive. Feet
-        [n, T + 1, 2, 4]: x, y, z of the sole [m], yaw [rad].
+        [n, T + 1, 2, 4]: x, y, z of the sole below the ankle [m], yaw [rad].
 
             time   0 · · · · · · · · half · · · · · · · period · · · · · · ·
             left   |wait|   swing    |       support       |
             right  |     support     |wait|   swing        |
             trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)   + trunk_phase
                  state                                   state
+
+        A knot is the state (position, velocity, acceleration) that the trunk shall have in the
+        middle of a single step; knot 3 lies in the next double step. Quintics join the knots.
         """
         left = self.feet[robots, LEFT]
         right = self.feet[robots, RIGHT]
@@ -179,8 +185,8 @@ class WalkEngine:
         the support foot.
         """
         # aside = trunk_swing · y of the support foot, seen from the middle
-        # lean  = trunk_pitch + pitch_per_step · ahead + pitch_per_turn · |turn|,   ahead, turn:
-        #         what the middle of the feet does, seen in the yaw that it has half way
+        # lean  = trunk_pitch + pitch_per_step · ahead + pitch_per_turn · |turn|
+        # ahead, turn: how far the middle of the feet moves [m] along its mean yaw, and turns [rad]
         p = self.parameters
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
@@ -223,7 +229,7 @@ class WalkEngine:
         change = self.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), 2 * change + 1, 2, 4))
         feet[:, : change + 1, LEFT] = self._swing(left, new_left)
-        feet[:, change:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z stays 0
+        feet[:, change:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z is 0 (a view)
         feet[:, :change, RIGHT][..., [0, 1, 3]] = right[:, None]
         feet[:, change:, RIGHT] = self._swing(right, new_right)
         return feet

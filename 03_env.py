@@ -45,7 +45,7 @@ class Task:
     time_limit: float = 100.0  # [s] simulated; paper
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
-    imu_rad: float = 0.02  # [rad] of the measured tilt; ours
+    imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
@@ -87,7 +87,7 @@ class StepLimits:
     high: tuple
     load: float = 1.5  # [-] largest sum of the shares of x, y and yaw, see `within`
 
-# Our choice, on the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
+# Our choice, from the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
 # cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.10, 0.60)),
@@ -96,7 +96,8 @@ LIMITS = {
 
 # The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
 # the goal, α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
-# Fig. 2); the encoding is ours. "zoomed": resolves the last half metre.
+# Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1; it is finer than d near
+# the goal and constant far from it.
 GOAL_TABLE = (
     ("distance d, clipped", "m", 0.0, 3.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
@@ -161,8 +162,9 @@ def encode_goal(goal):
 def within(footsteps, limits):
     """Footsteps [..., 2, 3], made smaller where x, y and yaw together exceed the limit `load`.
 
-    Each uses a share of its limit, 0 to 1; together at most `load`. So a footstep may use all of
-    one limit and half of another, but not all of all three. A single axis is never changed.
+    x, y and yaw each use a share of their limit, 0 to 1. The three together are at most `load`. So
+    a footstep may use all of one limit and half of another, but not all of all three. A single axis
+    is never changed.
     """
     # s = |x| / x_max + |y| / y_max + |yaw| / yaw_max;   footstep ← footstep · min(1, load / s)
     largest = np.where(footsteps >= 0, limits.high, np.negative(limits.low))
@@ -203,8 +205,10 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
     potential Φ (`potentials`) after the double step minus that before it. In the sum over an
     episode all but the ends cancel, Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start. So a closed path pays
-    nothing. With a discount γ < 1 it does pay a little: the way out counts more than the way back.
-    (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ and has no such effect.)
+    nothing. With a discount γ < 1 its beginning counts more than its end: towards the goal and back
+    pays a little, away and back costs a little. (Potential-based shaping, Ng, Harada, Russell,
+    1999, pays γ·Φ′ − Φ. Then a closed path pays what standing still pays, and the best policy stays
+    the same.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
@@ -229,7 +233,7 @@ def hand_written(measured, limits):
     x, y, _ = measured.T
     low = np.array(limits.low) / 2
     high = np.array(limits.high) / 2
-    # A turn is outward for one foot and inward for the other, so the inward limit counts for both.
+    # A turn is outward for one foot and inward for the other, and inward allows less.
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     turn = np.clip(turn / 2, low[2], -low[2])  # of each foot
     # Both feet share the way forward. Sideways only the leading foot steps, outward.
@@ -285,9 +289,11 @@ class FootstepWorld:
         self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
 
     def reset(self, robots, rngs=(), goals=None, friction=np.nan):
-        """Start episodes: standing at the origin; rngs and goals [n, 3]: new ones, if given.
+        """Start episodes: standing at the origin.
 
-        friction: μ instead of what is drawn, [n] or one for all; nan: as drawn.
+        rngs: n random generators; without them the robots go on with their own. goals [n, 3];
+        without them they are drawn. friction: μ instead of what is drawn, [n] or one for all; nan:
+        as drawn.
         """
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)

@@ -11,7 +11,7 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
     python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
 
-The share of successes should rise, the share of falls sink. It writes policy.pt and
+The share of successes should rise, the share of falls sink. The stage writes policy.pt and
 learning_curve.csv and .png to runs/<sim>/, and checkpoint.pt to resume from. The goal is measured
 with noise (--no-noise: exactly).
 
@@ -82,7 +82,7 @@ class PPOConfig:
     epochs: int = 10  # how often every sample is used (n_epochs) [8]
     minibatch: int = 512  # samples per gradient step (batch_size) [own]
     learning_rate: float = 1e-3  # of Adam at the start; falls linearly to 0 [own]
-    gamma: float = 0.98  # γ, discount per double step: 50 of them ahead a reward counts 0.36 [own]
+    gamma: float = 0.98  # γ, discount per double step: 50 ahead, rewards count 0.98⁵⁰ = 0.36 [own]
     lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, see `gae` (gae_lambda) [8]
     clip: float = 0.2  # ε: beyond 1 ± ε the objective does not grow (clip_range) [7]
     reward_scale: float = 1.0  # so that returns have a size of about 1 to 10 [own]
@@ -92,7 +92,7 @@ class PPOConfig:
     first_concentration: float = 10.0  # c = α+β of the first policy, > 2; large: little noise [own]
     sharpest: float = 4.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
     checkpoint_every: int = 10  # updates; then all episodes begin anew, see `train` [own]
-    unsettled: int = 3  # updates after such a beginning that are not logged [own]
+    unsettled: int = 3  # updates after such a beginning whose short episodes are not logged [own]
 
 # Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
 GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1,
@@ -100,7 +100,8 @@ GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, rewa
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
-    """Linear layers with tanh between them; orthogonal weights with gain √2, as in [8]."""
+    """Linear layers with tanh between them; random weights as in [8]: a matrix with orthogonal rows
+    or columns of length √2."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
         linear = nn.Linear(inputs, outputs)
@@ -142,7 +143,7 @@ class ActorCritic(nn.Module):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
         raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow
         alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
-        return Independent(Beta(alpha, beta), 1)  # log-probabilities of an action are summed
+        return Independent(Beta(alpha, beta), 1)  # log π(a|s): the sum over a's variables
 
     def sample(self, obs):
         """Actions drawn for exploration, tensors: [N, obs] -> [N, act]."""
@@ -192,7 +193,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}
     """
     # δ_t = r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
-    after = next_values.masked_fill(terminated, 0)  # not "· 0": V may be nan there
+    after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
     deltas = rewards + gamma * after - values
     # A_t = δ_t + γ·λ·A_{t+1} within one episode: the sum stops at a fall AND at a cut-off
     goes_on = ~(terminated | truncated)
@@ -241,7 +242,8 @@ def improve(model, optimizer, data, cfg):
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
-            # Â = (A − mean) / std: compared with the minibatch, whatever the size of the rewards
+            # Â = (A − mean) / std over the minibatch: is it better or worse than the others? So the
+            # size of the rewards does not matter.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -255,8 +257,8 @@ def improve(model, optimizer, data, cfg):
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
         # How far it moved: KL(π_old‖π) = E[−ln ρ] = E[ρ − 1 − ln ρ] [nats], mean over π_old, where
-        # E[ρ] = 1. Near ρ = 1 a term of the first form is about 1 − ρ, one of the second about
-        # (1 − ρ)²/2. So the second is less noisy.
+        # E[ρ] = 1. Near ρ = 1, −ln ρ is about 1 − ρ, but ρ − 1 − ln ρ is about (1 − ρ)²/2 and never
+        # negative. So the mean of the latter is less noisy.
         return {**before, "clip_fraction": outside.mean().item(),
                 "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
                 "value_loss": nn.functional.mse_loss(model.value(obs), targets).item()}
@@ -385,7 +387,7 @@ def load_policy(path):
     meta = load_plain(path, "obs_dim", "act_dim", "hidden", "state_dict", "config", "fits")
     model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"])
     model.load_state_dict(meta.pop("state_dict"))
-    model.sharpness = meta["config"]["sharpest"]  # k of the last update
+    model.sharpness = meta["config"]["sharpest"]  # k at the end of the training
     return model, meta
 
 def save_checkpoint(out, about, rows, model, optimizer):

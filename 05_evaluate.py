@@ -1,12 +1,11 @@
 """Stage 5: is the learned policy better than other planners, and how sure are we?
 
 Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). Its baseline
-[10] is a velocity controller: its speed is proportional to the distance, up to a limit. (We also
-call it a carrot: the goal hangs in front of the robot, which follows it.)
+[10] is a velocity controller: its speed is proportional to the distance, up to a limit.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
-    python 05_evaluate.py --noise --far    and a second block: goals twice as far
-    python 05_evaluate.py --gif            and the baseline in a race against the policy
+    python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
+    python 05_evaluate.py --gif            also animation.gif: the policy races the baseline
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
@@ -22,9 +21,9 @@ A planner is a class with `reset(num_robots)`, called before the trials, and `ac
 measured)`, which returns actions [n, 6] in [0, 1] for the goals [n, 3] as n robots measured them:
 x, y [m], yaw [rad]. It may use nothing else except the `View` of stage 3; `tests/studies/search.py`
 is a worked example. All planners meet the same goals, ground and bodies, and at their k-th decision
-the same noise, so a difference between two rows is due to the planners. The intervals show how much
-the result could differ with 500 other trials. `baseline` is as in the paper, `baseline_tuned` has
-settings optimised for this world.
+the same noise, so a difference between two rows is due to the planners. The intervals show how far
+the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
+`baseline_tuned` has settings optimised for this world.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -97,7 +96,7 @@ def velocity_command(goal, settings):
     return np.stack([v * cos, v * sin, omega], -1)  # [n, 3]
 
 def low_pass(velocity, command, seconds, time_constant):
-    """The filter τ·dv/dt = v_cmd − v, solved exactly, after some seconds; τ = 0: no filter."""
+    """The filter τ·dv/dt = v_cmd − v, solved exactly, after `seconds`; τ = 0: no filter."""
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
@@ -114,7 +113,7 @@ def velocity_to_footsteps(velocity, period):
     return np.stack([left, right], 1)
 
 class BaselinePlanner:
-    """[10], once per double step instead of 20 times a second."""
+    """The controller of [10]; it decides once per double step instead of 20 times a second."""
     def __init__(self, settings=BaselineSettings()):
         self.settings = settings
 
@@ -179,7 +178,7 @@ def evaluate(planner, world, trials, noise=False, watch=lambda robots, result: N
     outcome = np.full(n, "running", object)
     time = np.zeros(n)
     time_once = np.zeros(n)  # 0: not yet
-    walking = everybody  # [m]: not ended yet
+    walking = everybody  # [k] whose trial has not ended
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
@@ -240,7 +239,7 @@ def record(planner, world, trials):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval of a rate: `count` of `total` trials; wide at 0 and 1, too (Wilson score)."""
+    """95 % interval of a rate: `count` of `total` trials (Wilson score; at 0 it is wide, too)."""
     # (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
@@ -256,7 +255,8 @@ def time_ratio(trials, reference, resamples=2000):
     if not both.any():
         return None, None, 0
     # Paired bootstrap (resampling, not stage 4's bootstrapping): draw as many goals again, with
-    # replacement. Pairs, because both planners need long for a far goal.  pick [resamples, goals]
+    # replacement. In pairs, because both planners need long for a far goal: this cancels in the
+    # ratio.  pick [resamples, goals]
     pick = np.random.default_rng(0).integers(len(ours), size=(resamples, len(ours)))
     ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
     return ours.mean() / theirs.mean(), np.percentile(ratios, [2.5, 97.5]), len(ours)
@@ -552,6 +552,7 @@ def choose_planners(sim, policies=(), planners=()):
 def run(world, blocks, planners, shown, facts, args, out):
     """Every planner in every block of Trials, with --noise once more; then the files.
 
+    blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
     shown: name of the planner beside the baselines in the figures; facts: of the first policy.
     """
     results = {}
