@@ -24,9 +24,7 @@ def find(file):
 def function_in(tree, name):
     """The node of a function, or of a method with its class: "WalkEngine._swing"."""
     for part in name.split("."):
-        tree = next((node for node in tree.body if getattr(node, "name", None) == part), None)
-        if tree is None:
-            raise LookupError(f"workbook.py: there is no {name}")
+        tree = next(node for node in tree.body if getattr(node, "name", None) == part)
     return tree
 
 def body_of(source, name, since=""):
@@ -40,8 +38,6 @@ def body_of(source, name, since=""):
         after = statements.pop(0).end_lineno
     while since and not ast.get_source_segment(source, statements[0]).startswith(since):
         after = statements.pop(0).end_lineno
-        if not statements:
-            raise LookupError(f"workbook.py: no statement of {name} begins with {since!r}")
     return after, node.end_lineno, " " * node.body[0].col_offset
 
 def replaced(source, name, lines, since=""):
