@@ -66,9 +66,7 @@ def test_gymnasium_makes_the_vector_environment_and_can_store_the_task():
     stored = gym.envs.registration.EnvSpec.from_json(gym.spec("Footsteps-v0").to_json())
     assert stored.entry_point == "03_env:FootstepEnv", "a text, not a class"
 
-def test_what_does_not_exist_is_refused():
-    with pytest.raises(KeyError, match="gazebo"):
-        env.FootstepWorld(1, "gazebo")
+def test_pictures_are_refused():
     for kind in (env.FootstepEnv, env.FootstepVectorEnv):
         with pytest.raises(ValueError, match="^render_mode='rgb_array': .* no pictures"):
             kind(render_mode="rgb_array")
@@ -86,11 +84,9 @@ def test_gymnasium_can_make_a_vector_of_single_robots(make, mode, sim):
         equal(got[0], want[0])
         for one, other in zip(got[1:4], want[1:4]):  # reward, terminated, truncated
             equal(one, other)
-    again = own.reset(seed=4)[0], own.reset()[0], own.reset(seed=5)[0]
-    equal(again[0], first, err_msg="the same seed, the same episode")
-    assert not np.isclose(again[1][:, 0], first[:, 0]).any(), "without a seed it goes on drawing"
-    equal(again[2][0], first[1], err_msg="5 + 0 is 4 + 1")
-    assert not np.isclose(again[2][1, 0], first[:, 0]).any(), "another seed, another goal"
+    equal(own.reset(seed=4)[0], first, err_msg="the same seed, the same episode")
+    distances = [seen[:, 0] for seen in (first, own.reset()[0], own.reset()[0])]
+    assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
 
 @BOTH
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
@@ -102,7 +98,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
     got, _ = together.reset(seed=11)
     want = [one.reset(seed=11 + i)[0] for i, one in enumerate(alone)]
     equal(got, want, err_msg="robot i has the seed s + i")
-    ends = {"fall": 0, "timeout": 0}
+    fell = []
     for _ in range(10):
         actions = (together.neutral_action + rng.uniform(-0.1, 0.1, (n, 6))).astype(np.float32)
         actions[:, [0, 3]] = rng.integers(0, 2, (n, 2))  # as far ahead or back as it goes: falls
@@ -116,14 +112,12 @@ def test_robots_together_equal_robots_alone(make, sim, n):
                 equal(infos["final_obs"][i], last)
                 for name in ("success", "fall", "timeout", "time"):
                     assert infos["final_info"][name][i] == info[name]
-                for name in ends:
-                    ends[name] += info[name]
+                fell.append(info["fall"])
                 last, _ = one.reset()  # no seed: its generator goes on
             equal(got[i], last, err_msg=(
                 "after an automatic reset: are the next goal, ground and body drawn from the "
                 "robot's own generator, and is the noise drawn equally often?"))
-    assert min(ends.values()) >= 1 and sum(ends.values()) >= 3, (
-        f"these actions should make the robots fall: the resets were not tested, {ends}")
+    assert {*fell} == {True, False}, "the test should see resets after falls and after time-outs"
 
 @BOTH
 def test_some_robots_walk_while_the_others_wait(make, sim):
@@ -144,8 +138,8 @@ def test_some_robots_walk_while_the_others_wait(make, sim):
     for world in (one, other):
         world.reset([1], goals=[[1.0, 0, 0]])
     torso = one.step(action[some], some)["motion"].torso
-    equal(torso, other.step(action, robots)["motion"].torso[some],
-                                  err_msg="robot 1 begins anew, robot 3 walks on")
+    want = other.step(action, robots)["motion"].torso[some]
+    equal(torso, want, err_msg="robot 1 begins anew, robot 3 walks on")
     with pytest.raises(ValueError, match="shorter"):
         one.reset(some, [env.stream("training", 5)])  # a generator for each of them, or none
 
@@ -172,16 +166,13 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     for i in (0, 2):
         close(infos["final_obs"][i, :8], old[i], atol=1e-6, err_msg=(
             "final_obs is the LAST observation of the old episode"))
-        close(obs[i, 8:], np.tile(2 * envs.neutral_action - 1, 2), atol=1e-6,
-                                   err_msg="obs is the FIRST of the new one: nothing done yet")
+        close(obs[i, 8:], np.tile(2 * envs.neutral_action - 1, 2), atol=1e-6, err_msg=(
+            "obs is the FIRST of the new one: nothing done yet"))
         assert not np.allclose(obs[i, :8], old[i]), "a new goal is expected"
         assert envs.world.steps[i] == 0
     close(obs[1, :8], old[1], atol=1e-6)
     close(obs[1, 8:], 2 * 0.3 - 1, atol=1e-6, err_msg="the last actions")
     assert envs.world.steps[1] == 2
-    fell[2] = False
-    poses[:] = 0
-    assert "final_obs" not in envs.step(action)[4], "only when an episode ended"
 
 # ------------------------------------------------------------------------ the observation
 def test_goal_is_encoded_as_in_the_table():
@@ -193,12 +184,6 @@ def test_goal_is_encoded_as_in_the_table():
     far = env.encode_goal(np.array([4.0, -3.0, math.pi * 1.5]))
     assert far[0] == 3.0 and far[1] == 1.0 and far[2] == -1.0, "clipped: 3 m and ±1"
     assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
-    for x, y, yaw in np.random.default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (14, 3)):
-        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
-        want = [min(d, 3), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
-                math.cos(yaw), math.sin(yaw), alpha / math.pi]
-        got = env.encode_goal(np.array([x, y, yaw]))
-        close(got, want, atol=1e-9, err_msg="y to the left and α counter-clockwise are positive")
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
 def test_many_goals_are_encoded_each_by_itself(shape):
@@ -206,8 +191,12 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     encoded = env.encode_goal(goals)
     assert encoded.shape == (*shape, 8), "goals [..., 3] -> [..., 8]: write x as goal[..., 0]"
     for i in np.ndindex(shape):
-        close(encoded[i], env.encode_goal(goals[i]), atol=1e-9, err_msg=(
-            f"goal {i} of a batch is another one than alone: no goal may depend on another one"))
+        x, y, yaw = goals[i]
+        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
+        want = [min(d, 3), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
+                math.cos(yaw), math.sin(yaw), alpha / math.pi]
+        close(encoded[i], want, atol=1e-9, err_msg=(
+            f"goal {i} of {shape}: left and counter-clockwise are positive; goals must not mix"))
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
@@ -237,16 +226,16 @@ def test_the_last_two_actions_are_observed(make):
     neutral = one.world.neutral_action
     small = np.clip(neutral + [0.05, 0, 0, 0, 0.02, 0], 0, 1)
     close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, atol=1e-6)
-    close(one.step(neutral)[0][8:], np.r_[neutral, small] * 2 - 1, atol=1e-6,
-                               err_msg="newest first")
-    much = np.ones(6)  # more than `within` lets through
-    close(one.step(much)[0][8:14], 1, atol=1e-6, err_msg="as it was asked for")
+    seen = one.step(neutral)[0][8:]
+    close(seen, np.r_[neutral, small] * 2 - 1, atol=1e-6, err_msg="newest first")
+    for much in (9, -9):  # more than `within` lets through; a list
+        seen = one.step([much] * 6)[0][8:14]
+        close(seen, np.sign(much), atol=1e-6, err_msg="as it was asked for, clipped to [0, 1]")
 
 # ------------------------------------------------------------------------ actions and their limits
-def load(footstep, limits):
-    """Sum of the shares of x, y and yaw of one footstep (x, y, yaw)."""
-    return sum(v / high if v > 0 else v / low
-               for v, low, high in zip(footstep, limits.low, limits.high))
+def load(footsteps, limits):
+    """Sums [...] of the shares of x, y and yaw of footsteps [..., 3]."""
+    return (footsteps / np.where(footsteps > 0, limits.high, limits.low)).sum(-1)
 
 SHARES = ("0 is low, 1 is high, 0.5 their middle, for both feet, outward positive; first the left "
           "foot's x, y, yaw, then the right foot's")
@@ -261,7 +250,7 @@ def test_actions_and_footsteps_are_inverse(sim):
         got = np.ravel(env.to_footsteps(shares, limits))
         close(got, want, atol=1e-12, err_msg=SHARES)
     drawn = rng.uniform(limits.low, limits.high, (1000, 2, 3))
-    allowed = np.array([f for f in drawn if max(load(foot, limits) for foot in f) <= limits.load])
+    allowed = drawn[(load(drawn, limits) <= limits.load).all(1)]
     assert 100 < len(allowed) < 900, "the test should see both kinds"
     action = env.to_action(allowed, limits)
     assert action.shape == (len(allowed), 6), "footsteps [..., 2, 3] -> actions [..., 6]"
@@ -293,15 +282,11 @@ def test_within_leaves_what_is_possible_and_shrinks_the_rest_to_the_boundary(sim
     asked = np.concatenate([rng.uniform(limits.low, limits.high, (500, 2, 3)),
                             alone.repeat(2, 0).reshape(6, 2, 3)])
     got = env.within(asked, limits)
-
-    def loads(footsteps):
-        return np.array([[load(foot, limits) for foot in step] for step in footsteps])
-
-    much = loads(asked) > limits.load  # [506, 2]
+    much = load(asked, limits) > limits.load  # [506, 2]
     assert 50 < much.sum() < 950 and not much[500:].any(), "the test should see both kinds"
     equal(got[~much], asked[~much], err_msg=(
         "possible: untouched; and one foot's step does not shrink the other one's"))
-    close(loads(got)[much], limits.load, err_msg=(
+    close(load(got, limits)[much], limits.load, err_msg=(
         "too much: just on the boundary; forward and backward have different limits"))
     ratio = got[much] / asked[much]
     close(ratio, ratio[:, :1] * np.ones(3), err_msg=(
@@ -358,15 +343,6 @@ def test_soles_never_touch_within_the_limits(sim, often):
     _, feet = engine.plan(beyond, [0])
     assert gap(feet[0, -1][:, [0, 1, 3]]) < 0, "beyond the limits the test should see an overlap"
 
-def test_actions_may_be_lists_and_are_clipped(make):
-    one, other = make(env.FootstepEnv), make(env.FootstepEnv)
-    one.reset(seed=0, options={"goal": [1, 0, 0]})
-    other.reset(seed=0, options={"goal": np.array([1.0, 0.0, 0.0])})
-    for action in ([0, 1, 0, 1, 0, 1], (0.5, 7.0, 0.4, 0.5, 0.5, -3.0)):
-        got, want = one.step(action), other.step(np.clip(action, 0, 1))
-        equal(got[0], want[0])
-        assert got[1] == want[1]
-
 @pytest.mark.parametrize("kind, hand_in, name, shape", [
     (env.FootstepEnv, lambda one, value: one.step(value), "actions", (6,)),
     (partial(env.FootstepVectorEnv, 2, cores=1), lambda one, value: one.step(value),
@@ -389,8 +365,7 @@ def test_wrong_numbers_are_refused_and_change_nothing(make, kind, hand_in, name,
     for _ in range(2):
         got, want = one.step(action), untouched.step(action)
         equal(got[0], want[0], err_msg=(
-            "what was refused must leave no trace: check BEFORE anything is planned, moved, drawn "
-            "or reset"))
+            "what was refused must leave no trace: check BEFORE anything is moved, drawn or reset"))
         equal(got[1], want[1])
         equal(one.reset()[0], untouched.reset()[0])
 
@@ -437,8 +412,7 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
     got = env.reward_terms(before, after, action, last, fall, success, task)
     for name, values in got.items():
         assert np.shape(values) == (n,), (
-            f"{name} has the shape {np.shape(values)} instead of ({n},): one number for every "
-            "robot. Sums go over the action's axis only: .sum(-1)")
+            f"{name}: shape {np.shape(values)}; sums go over the action's axis only, .sum(-1)")
     for i in range(n):
         want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i], task)
         assert got.keys() == want.keys()
@@ -486,12 +460,10 @@ def test_going_in_circles_pays_nothing():
     path = rng.uniform([-2, -2, -3], [2, 2, 3], (30, n, 3))  # every robot on a circle of its own
     path[-1] = path[0]
     action, never = np.tile(rng.random(6), (n, 1)), np.zeros(n, bool)
-    total, paid = np.zeros(n), np.zeros(n)
+    total = np.zeros(n)
     for before, after in zip(path, path[1:]):
         parts = env.reward_terms(before, after, action, action, never, never, TASK)
         total += sum(value for name, value in parts.items() if name != "r_time")
-        paid += np.abs(parts["r_d"])
-    assert paid.min() > 1, "on the way the terms must not be zero"
     close(total, 0, atol=1e-9, err_msg="terms must pay for progress, and take it back")
 
 @pytest.mark.parametrize("name", ["r_d", "r_a", "r_o"])
@@ -504,7 +476,6 @@ def test_discounted_progress_telescopes(name):
     paid, waiting = factors @ parts[name], (1 - GAMMA) * factors @ phi[1:]
     assert paid == pytest.approx(GAMMA**20 * phi[-1] - phi[0] + waiting, abs=1e-9), (
         f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}")
-    assert waiting < -1e-3, "away from the goal Φ is negative, so time spent there costs"
 
 def straight_walk(goal, stop=0.0):
     """Goals seen from a robot that walks and turns to `stop` [m] before the goal, 0.15 m or 0.3 rad
@@ -545,8 +516,8 @@ def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     assert np.all(np.abs(goals[:, 2]) <= math.pi), "yaw is wrapped"
     share = np.mean(np.abs(goals[:, 2]) < math.pi / 2)  # N(0, π/2) wrapped: 0.683 and a bit more
     assert 0.64 < share < 0.73, f"{share:.2f} of the goals turn by less than 90°"
-    equal(env.draw_goals(env.stream("evaluation", 0), 7), goals[:7],
-                                  err_msg="draw [count, 3], goal after goal")
+    seven = env.draw_goals(env.stream("evaluation", 0), 7)
+    equal(seven, goals[:7], err_msg="draw [count, 3], goal after goal")
     near, far = (env.draw_goals(env.stream("tuning", 0), 9, far=far) for far in (False, True))
     close(far, near * [2, 2, 1], err_msg="farther, and turned alike")
 
@@ -640,15 +611,16 @@ class Greedy(env.Spread):
             rng.random(99)
         return super().draw(rngs, robot)
 
+def nothing(world):
+    """Neither a look nor a step."""
+
 BODY = {"friction", "mass", "stiffness", "stiction", "delay"}
-NO_SPREAD = env.Spread(friction=0, mass=0, stiffness=0, stiction=0, delay=0)
 THREE, WILD = np.arange(3), np.random.default_rng(0).random((3, 6))
 
 @pytest.mark.parametrize("change, may_change", [
     ({"goals": [[1.0, 2.0, 3.0]] * 3}, {"goal"}),
     ({"friction": 0.05}, {"friction"}),
     ({"friction": [math.nan, 0.05, math.nan]}, {"friction"}),
-    ({"spread": NO_SPREAD}, BODY),
     ({"spread": Greedy()}, BODY),
     ({"first": lambda world: world.measure(THREE)}, {"noise of the goal"}),
     ({"first": lambda world: world.view(THREE, np.ones((3, 3)))}, {"noise of the IMU"}),
@@ -656,10 +628,10 @@ THREE, WILD = np.arange(3), np.random.default_rng(0).random((3, 6))
     ({"at_last": lambda world: world.measure(THREE)}, set()),
     ({"at_last": lambda world: world.view(THREE, np.ones((3, 3)))}, set()),
     ({"at_last": lambda world: world.step(WILD, THREE)}, set()),
-], ids=["goals", "friction", "one friction", "no spread", "greedy", "a look", "the IMU", "kicks",
-        "a look before", "the IMU before", "a step before"])
+], ids=["goals", "friction", "one friction", "greedy", "look", "IMU", "kicks", "look before",
+        "IMU before", "step before"])
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, change, may_change):
-    def drawn(spread=env.Spread(), first=id, at_last=id, **given):
+    def drawn(spread=env.Spread(), first=nothing, at_last=nothing, **given):
         """What two episodes of three robots draw, [2, 3, ...] by name."""
         world, bodies = spied(make(env.FootstepWorld, 3, noise=True, cores=1, spread=spread))
         rngs, episodes = [env.stream("training", 6, i) for i in THREE], []
@@ -701,7 +673,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
     assert vars(views[0]).keys() == {"period", "limits", "neutral_action", "actions", "observation"}
     for name, value in vars(views[0]).items():
         equal(value, vars(views[1])[name], err_msg=f"{name} tells a planner what no robot can know")
-    view = views[0]
+    view = views[1]  # of this world
     assert view.period == world.engine.period and view.limits == world.limits
     equal(view.actions, np.tile(world.neutral_action, (2, 2, 1)))
     close(view.observation[:, :8], env.encode_goal(measured), atol=1e-6)
@@ -739,8 +711,8 @@ def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
             assert result["inside"].tolist() == [end is IN, False], "a fall wins"
             assert result["reward_terms"]["r_goal"][0] == TASK.s_goal * ("success" in got)
             assert not result["success"][1], "a robot arrives for itself, not for another one"
-        close(result["time"] / world.engine.period, [counted, len(ends)],
-                                   err_msg="a success took the time to the FIRST of the two")
+        close(result["time"] / world.engine.period, [counted, len(ends)], err_msg=(
+            "a success took the time to the FIRST of the two"))
 
 @pytest.mark.parametrize("x, yaw_deg, fell, want", [
     (0.0, 0, False, "success"), (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"),
@@ -759,8 +731,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
                 _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), (
-            f"{100 * x:.1f} cm and {yaw_deg}° away, fell: {fell}; success: 5 cm AND 10°, true "
-            "pose, angles wrapped, and a fall wins")
+            "success: 5 cm AND 10°, of the true pose, angles wrapped, and a fall wins")
         assert terminated == bool(want) and not truncated
         assert info["reward_terms"]["r_goal"] == TASK.s_goal * (want == "success")
         assert info["reward_terms"]["r_fall"] == -TASK.s_fall * (want == "fall")
@@ -771,7 +742,6 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     envs = make(env.FootstepVectorEnv, 6, sim, cores=1, task=replace(TASK, time_limit=limit))
     period = envs.world.engine.period
     whole = math.floor(limit / period + 1e-9)  # double steps that fit into the time
-    assert limit - period < whole * period <= limit + 1e-9
     goal, away = np.array([2.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
     rows = [  # double steps left; where the next two end; a fall in the second one; how it ends
         (3, away, away, False, ""), (2, away, away, False, "timeout"),

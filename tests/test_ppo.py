@@ -101,28 +101,19 @@ SHAPES = [(1.2, 1.2), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0)]
 GRID = (np.arange(20_000) + 0.5) / 20_000  # the middles of strips of [0, 1]
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
-def test_log_prob_of_the_policy_integrates_to_one(alpha, beta):
-    model = model_with([alpha], [beta])
-    p = density(model, GRID[:, None])
-    assert p.mean() == pytest.approx(1.0, abs=2e-3), "the normalisation B(α, β) is wrong"
-    x = GRID[7_000]
-    want = ((alpha - 1) * math.log(x) + (beta - 1) * math.log(1 - x)
-            + math.lgamma(alpha + beta) - math.lgamma(alpha) - math.lgamma(beta))
-    assert math.log(p[7_000]) == pytest.approx(want, abs=1e-9), "check the sign of ln B(α, β)"
-    entropy = model.policy(torch.zeros(1, dtype=torch.float64)).entropy().item()
-    assert entropy == pytest.approx(-np.mean(p * np.log(p)), abs=2e-3), "H = −∫ p·ln p"
+def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
+    x = GRID[[100, 7_000, 19_000]]
+    log_p = ((alpha - 1) * np.log(x) + (beta - 1) * np.log(1 - x)
+             + math.lgamma(alpha + beta) - math.lgamma(alpha) - math.lgamma(beta))
+    close(density(model_with([alpha], [beta]), x[:, None]), np.exp(log_p), rtol=1e-9)
 
-def test_joint_log_prob_integrates_to_one_over_the_square():
-    model = model_with([2.0, 3.0], [4.0, 1.5])
-    middles = (np.arange(500) + 0.5) / 500
-    p = density(model, np.stack(np.meshgrid(middles, middles, indexing="ij"), -1))  # [500, 500]
-    assert p.mean() == pytest.approx(1.0, abs=2e-3), (
-        "independent variables: the joint log-probability is the SUM (not the mean)")
-    first = density(model_with([2.0], [4.0]), middles[:, None])
-    close(p.mean(1), first, rtol=2e-3, err_msg=(
-        "the first number of the action has the first α and the first β"))
-    pi = model.policy(torch.zeros(1, dtype=torch.float64))
-    assert pi.entropy().item() == pytest.approx(-np.mean(p * np.log(p)), abs=2e-3)
+def test_joint_log_prob_is_that_of_independent_numbers():
+    x = np.random.default_rng(0).uniform(0.05, 0.95, (100, 2))
+    first = density(model_with([2.0], [4.0]), x[:, :1])
+    second = density(model_with([3.0], [1.5]), x[:, 1:])
+    close(density(model_with([2.0, 3.0], [4.0, 1.5]), x), first * second, err_msg=(
+        "the joint log-probability is the SUM (not the mean), and the first number of the action "
+        "has the first α and the first β"))
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_the_decision_is_the_mean(alpha, beta):
@@ -136,21 +127,13 @@ def test_the_decision_is_the_mean(alpha, beta):
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_a_sharper_policy_is_a_power_of_the_policy(alpha, beta, k=3.5):
-    model, obs = model_with([alpha], [beta]), torch.zeros(1, dtype=torch.float64)
+    model = model_with([alpha], [beta])
     plain = density(model, GRID[:, None])
-    mode, entropy = model.policy(obs).mode.item(), model.policy(obs).entropy().item()
     model.sharpness = k
     sharp = density(model, GRID[:, None])
-    assert sharp.mean() == pytest.approx(1.0, abs=2e-3), "it is a density, too"
     likely = plain > 1e-9 * plain.max()
     one, other = (np.diff(np.log(p[likely])) for p in (plain, sharp))  # the norms fall out
     close(other, k * one, atol=1e-9, err_msg="p^k: k·(α − 1) and k·(β − 1), not k·α and k·β")
-    assert model.policy(obs).mode.item() == pytest.approx(mode, abs=1e-12), (
-        "sharper, and nothing else: the mode stays")
-    power = plain**k / np.mean(plain**k)
-    want = -np.mean(power * np.log(power + 1e-300))
-    assert model.policy(obs).entropy().item() == pytest.approx(want, abs=2e-3), "H = −∫ p·ln p"
-    assert want < entropy, "sharper explores less"
 
 def test_first_policy_is_around_first_action():
     first, obs = [0.2, 0.5, 0.8], np.random.default_rng(0).normal(size=(100, 4))
@@ -161,8 +144,7 @@ def test_first_policy_is_around_first_action():
     with torch.no_grad():
         mode = model.policy(torch.tensor(obs, dtype=torch.float32)).mode
     close(mode, np.tile(first, (100, 1)), atol=0.02, err_msg=(
-        "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; and the last "
-        "layer's weights small"))
+        "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights small"))
     for concentration in (3.0, 10.0, 50.0):
         model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
         with torch.no_grad():
@@ -174,8 +156,6 @@ def test_first_policy_is_around_first_action():
     corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
     assert torch.isfinite(corner.actor[-1].bias).all(), (
         "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99")
-    corner = corner.decide(obs)
-    assert np.isfinite(corner).all() and (corner >= 0).all() and (corner <= 1).all()
 
 def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     model = model_with([2.0, 30.0], [5.0, 10.0]).float()
@@ -184,7 +164,6 @@ def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     assert x.shape == (20_000, 2) and not x.requires_grad
     close(x.mean(0), [2 / 7, 30 / 40], atol=0.01)
     close(x.var(0), [10 / (49 * 8), 300 / (1600 * 41)], rtol=0.1)
-    assert abs(np.corrcoef(x.T)[0, 1]) < 0.03, "the numbers of an action are independent"
     assert model.value(torch.zeros(4, 7, 1)).shape == (4, 7), "V(s) is one number: squeeze(-1)"
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
@@ -234,9 +213,14 @@ def either(rng, n):  # first observation: 0 or 1
 def zero(rng, n):
     return np.zeros((n, 1), np.float32)
 
-def constant(obs, action):  # reward 1, then a fall
-    yes = np.ones(len(obs), bool)
-    return obs, np.ones(len(obs)), yes, ~yes
+def paid(reward):
+    """A world of single steps, each with the reward(obs, action) [n] and a fall."""
+    def play(obs, action):
+        yes = np.ones(len(obs), bool)
+        return obs, reward(obs[:, 0], action[:, 0]), yes, ~yes
+    return play
+
+constant = paid(lambda obs, action: np.ones(len(obs)))
 
 def learn(first, play, folder, updates=15, cfg=SMALL):
     """The model and its log after so many updates in a probe world."""
@@ -268,29 +252,17 @@ def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_pa
         f"V(0) = {v:.2f}, expected γ·V(1) = 0.50. 0.00: a cut-off is treated like a fall; "
         "0.33: bootstrapped from the first observation of the NEXT episode")
 
-def test_action_goes_to_the_target(tmp_path):
-    def play(obs, action):
-        yes = np.ones(len(obs), bool)
-        return obs, -16 * (action[:, 0] - 0.8) ** 2, yes, ~yes
-    model, _ = learn(zero, play, tmp_path)
-    assert model.decide(np.zeros((1, 1))).item() == pytest.approx(0.8, abs=0.05), (
-        "the best action is 0.8; near 0: the sign of the objective is wrong")
-
-def test_action_depends_on_the_observation(tmp_path):
-    def play(obs, action):  # best action 0.25 at observation 0, and 0.75 at 1
-        yes = np.ones(len(obs), bool)
-        return obs, -16 * (action[:, 0] - (0.25 + 0.5 * obs[:, 0])) ** 2, yes, ~yes
+def test_action_goes_to_the_target_of_its_observation(tmp_path):
+    play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
     model, _ = learn(either, play, tmp_path)
-    close(
-        model.decide(np.array([[0.0], [1.0]]))[:, 0], [0.25, 0.75], atol=0.08, err_msg=(
-            "do observation, action and advantage still belong together after shuffling?"))
+    best = model.decide(np.array([[0.0], [1.0]]))[:, 0]
+    close(best, [0.25, 0.75], atol=0.08, err_msg=(
+        "do observation, action and advantage still belong together after shuffling? Near 1 and "
+        "0: the sign of the objective is wrong"))
 
 def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
-    def play(obs, action):
-        yes = np.ones(len(obs), bool)
-        return obs, np.full(len(obs), math.nan), yes, ~yes
     with pytest.raises(FloatingPointError, match="not finite") as caught:
-        learn(zero, play, tmp_path, updates=2)
+        learn(zero, paid(lambda obs, action: math.nan * obs), tmp_path, updates=2)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
 
@@ -304,26 +276,16 @@ def test_a_short_training_improves_the_pendulum(tmp_path):
     assert {row["length"] for row in rows if math.isfinite(row["return"])} == {200}
     assert all(math.isnan(row["success"]) for row in rows), "not reported by Pendulum: nan, not 0"
 
-def test_shares_of_the_action_reach_another_task_in_its_own_units(monkeypatch):
-    class Told(gym.Env):  # observes the action that it gets
+def test_another_task_gets_flat_observations_and_actions_as_shares(monkeypatch):
+    class Square(gym.Env):
         observation_space = gym.spaces.Box(-9, 9, (2, 1))
         action_space = gym.spaces.Box(np.array([-2, 0], np.float32), np.array([2, 8], np.float32))
 
-        def reset(self, *, seed=None, options=None):
-            super().reset(seed=seed)
-            return np.zeros((2, 1), np.float32), {}
-
-        def step(self, action):
-            return np.array(action, np.float32)[:, None], 0.0, False, False, {}
-
-    monkeypatch.setitem(gym.registry, "Told-v0", gym.envs.registration.EnvSpec(
-        "Told-v0", entry_point=Told))
-    envs = ppo.gym_envs("Told-v0", 2)
+    monkeypatch.setitem(gym.registry, "Square-v0", gym.envs.registration.EnvSpec(
+        "Square-v0", entry_point=Square))
+    envs = ppo.gym_envs("Square-v0", 2)
     assert envs.single_action_space == gym.spaces.Box(0.0, 1.0, (2,), np.float32)
-    assert envs.reset(seed=0)[0].shape == (2, 2), "observations are made flat"
-    told = envs.step(np.array([[0, 1], [0.75, 0.5]], np.float32))[0]
-    close(told, [[-2, 8], [1, 4]], atol=1e-6, err_msg=(
-        "0 is the lower limit of the action's Box and 1 the upper"))
+    assert envs.single_observation_space.shape == (2,)
     envs.close()
 
 # ------------------------------------------------------------------------ collecting
@@ -348,9 +310,6 @@ def test_collected_observations_are_followed_by_what_really_followed():
     envs, steps = Reuses(3, first, play), 10
     begin = envs.reset(seed=0)[0].copy()
     data, last, infos = ppo.collect(ppo.ActorCritic(1, 1), envs, envs.obs, steps)
-    shapes = {name: tuple(tensor.shape) for name, tensor in data.items()}
-    assert shapes == {"obs": (steps, 3, 1), "next_obs": (steps, 3, 1), "action": (steps, 3, 1),
-                      "reward": (steps, 3), "terminated": (steps, 3), "truncated": (steps, 3)}
     assert len(infos) == steps
     assert data["terminated"].sum(0).tolist() == [3, 0, 0], "a fall each three steps"
     assert data["truncated"].sum(0).tolist() == [0, 3, 3], "a cut-off each three steps"
@@ -421,26 +380,15 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
                 "approx_kl": (ratio - 1 - (after - before)).mean(),
                 "explained_variance": 1 - (target - v).var() / target.var(),
                 "value_loss": ((model.value(data["obs"]) - target) ** 2).mean()}
-        first_loss = ((v - target) ** 2).mean().item()
     assert want["approx_kl"] > 0.005 and want["clip_fraction"] > 0.1, "the test must move a lot"
-    assert abs(want["value_loss"] - first_loss) > 0.01 * first_loss, "the test must move a lot"
     assert got.keys() == want.keys()
     for name, number in want.items():
         assert got[name] == pytest.approx(number.item(), rel=1e-3), (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
-            "step with π_old on all samples (a mean over the steps on the way is about half of "
-            "it); explained variance and entropy are those of the model that acted; is `judge` "
-            "called more than once?")
+            "step with π_old on all samples; explained variance and entropy are those of the model "
+            "that acted; is `judge` called more than once?")
 
 def test_gradients_are_limited_to_the_maximal_length():
-    for limit in (0.5, 0.01):
-        cfg = ppo.PPOConfig(minibatch=128, epochs=1, max_grad_norm=limit)  # one gradient step
-        model = fresh_model()
-        start, data = copy.deepcopy(model), rollout(model, scale=1000)
-        ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1.0), data, cfg)
-        assert distance(model, start) == pytest.approx(limit, rel=1e-3), (
-            f"a plain gradient step with learning rate 1 is as long as the gradient: {limit}")
-
     lengths = []
 
     class Spy(torch.optim.SGD):
@@ -449,11 +397,12 @@ def test_gradients_are_limited_to_the_maximal_length():
             lengths.append(math.sqrt(sum((g**2).sum().item() for g in grads)))
             super().step()
 
-    cfg = ppo.PPOConfig(minibatch=32, epochs=3, max_grad_norm=0.5)
+    cfg = ppo.PPOConfig(minibatch=32, epochs=3, max_grad_norm=0.01)
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=1e-3), rollout(model, scale=1000), cfg)
     assert len(lengths) == 3 * 4, "every epoch uses all 128 samples, in minibatches of 32"
-    assert max(lengths) < 0.5 + 1e-3, "actor and critic together, at every gradient step"
+    close(lengths, 0.01, rtol=1e-3, err_msg=(
+        "a step is as long as the gradient: scale that of actor and critic together, every time"))
     cfg = replace(cfg, max_grad_norm=1e9)
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=0.0), rollout(model, scale=1000), cfg)
@@ -567,8 +516,7 @@ def test_nothing_is_logged_about_episodes_that_only_just_began(tmp_path, unsettl
             silent = update % 4 < unsettled
             assert math.isnan(row[name]) == silent, (
                 f"{name} of update {update}: at updates 0, 4, 8 all episodes begin anew, so in the "
-                f"first {unsettled} from there on only short ones can have ended; log nan, and "
-                "a mean in all others")
+                f"first {unsettled} from there on only short ones can have ended: log nan")
         for name in set(COLUMNS) - set(EPISODES) - {"explained_variance"}:
             assert math.isfinite(row[name]), f"{name} has nothing to do with ended episodes"
     assert rows[3]["success"] == 1.0 and rows[3]["fall"] == 0.0 and rows[3]["time"] == 0.6
@@ -648,8 +596,6 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
             np.testing.assert_equal(row[name], other[name])
     if world == "probe":
         assert math.isfinite(rows[-2]["return"]), "the test should see episodes end"
-    stored, _ = ppo.load_policy(tmp_path / "parts" / "policy.pt")
-    assert same(model, stored)
 
 def test_a_seed_is_a_training(tmp_path, monkeypatch):
     seeds, reset = [], Probe.reset
@@ -694,8 +640,10 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path):
     assert len(closed) == 8, "the processes of a simulator would stay"
 
 def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp_path, monkeypatch):
+    about = {"fits": env.fingerprint("mujoco", imu=True), "imu": True, "noise": False}
+
     def run(**more):
-        return ppo.train(QUICK, wandering, tmp_path, 3 * 64, **more)
+        return ppo.train(QUICK, wandering, tmp_path, 3 * 64 - 1, about=about, **more)
 
     def files():
         return {path.name: path.read_bytes() for path in tmp_path.iterdir()}
@@ -709,8 +657,11 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
         for name in ("collect", "improve"):
             patch.setattr(ppo, name, never)
         again, same_rows = run(resume=True)
-    assert same(model, again), "the stored model"
+    stored, meta = ppo.load_policy(tmp_path / "policy.pt")
+    assert same(model, again) and same(model, stored)
     assert model.sharpness == again.sharpness == QUICK.sharpest
+    assert meta.items() >= {**about, "seed": 0, "steps": 3 * 64}.items(), "what it was trained for"
+    assert meta["minutes"] > 0 and meta["config"]["gamma"] == QUICK.gamma
     np.testing.assert_equal(same_rows, rows)
     assert files() == before, "no file is written again"
     run(seed=1)
@@ -720,39 +671,25 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
 FITS = {"simulator": "pymunk", "limits": [0.1, 0.2]}
 META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0, "config": {"sharpest": 4.0}}
 
-def test_policy_survives_the_disk_and_the_old_one_is_kept(tmp_path):
-    path, obs = tmp_path / "policy.pt", np.random.default_rng(0).normal(size=(7, 5))
-    old, new = ppo.ActorCritic(5, 2), ppo.ActorCritic(5, 2, hidden=(8,))
-    new.sharpness = 4.0  # as after a training
-    ppo.save_policy(path, old, META)
-    ppo.save_policy(path, new, META)
-    model, meta = ppo.load_policy(path)
-    assert np.array_equal(model.decide(obs), new.decide(obs)), (
-        "the mean depends on the sharpness: it is that of the end of the training")
+def test_policy_survives_the_disk(tmp_path):
+    obs, model = np.random.default_rng(0).normal(size=(7, 5)), ppo.ActorCritic(5, 2, hidden=(8,))
+    model.sharpness = 4.0  # as after a training
+    ppo.save_policy(tmp_path / "policy.pt", model, META)
+    stored, meta = ppo.load_policy(tmp_path / "policy.pt")
+    equal(stored.decide(obs), model.decide(obs), err_msg=(
+        "the mean depends on the sharpness: it is that of the end of the training"))
     assert meta["steps"] == 10 and meta["hidden"] == (8,) and meta["fits"] == FITS
-    previous, _ = ppo.load_policy(tmp_path / "policy.previous.pt")
-    assert same(previous, old)
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["policy.previous.pt", "policy.pt"]
-
-def test_a_policy_tells_what_it_was_trained_for(tmp_path):
-    about = {"fits": env.fingerprint("mujoco", imu=True), "imu": True, "noise": False}
-    ppo.train(QUICK, wandering, tmp_path, 100, seed=4, about=about)
-    _, meta = ppo.load_policy(tmp_path / "policy.pt")
-    assert meta["fits"] == about["fits"]
-    assert (meta["imu"], meta["noise"], meta["seed"], meta["steps"]) == (True, False, 4, 128)
-    assert meta["minutes"] > 0 and meta["config"]["gamma"] == QUICK.gamma
-    assert ppo.difference(meta["fits"], env.fingerprint("mujoco", imu=True)) == ""
-    for other in (env.fingerprint("mujoco"), env.fingerprint("pymunk", imu=True)):
-        assert ppo.difference(meta["fits"], other), "another robot or other senses"
 
 def test_a_difference_names_both_sides_and_the_simulator_first():
     other = {"simulator": "mujoco", "limits": [9, 9]}
     assert ppo.difference(FITS, other) == "simulator is pymunk in the file, but mujoco here"
     other["simulator"] = "pymunk"
     assert ppo.difference(FITS, other) == "limits is [0.1, 0.2] in the file, but [9, 9] here"
-    assert ppo.difference(FITS, dict(FITS)) == ""
     assert ppo.difference({"config": {"a": 1, "b": 2}}, {"config": {"a": 1, "b": 3}}) == (
         "config: b is 2 in the file, but 3 here"), "only the entry that differs, not all of them"
+    for sim, imu in (("mujoco", False), ("pymunk", True)):
+        assert ppo.difference(env.fingerprint("mujoco", imu=True), env.fingerprint(sim, imu)), (
+            "another robot or other senses")
 
 class Foreign:
     """What a file may contain that runs code when it is read carelessly."""
@@ -765,9 +702,7 @@ class Foreign:
 @pytest.mark.parametrize("damage", [
     lambda path, good: path.unlink(),
     lambda path, good: path.write_bytes(b""),
-    lambda path, good: path.write_bytes(good[: len(good) // 2]),
     lambda path, good: path.write_bytes(good[:-3]),
-    lambda path, good: path.write_bytes(np.random.default_rng(0).bytes(5000)),
     lambda path, good: path.write_text("hello"),
     lambda path, good: (path.unlink(), path.mkdir()),
     lambda path, good: path.write_bytes(pickle.dumps({"format": 1})),
@@ -775,8 +710,8 @@ class Foreign:
     lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
     lambda path, good: torch.save([1, 2], path),
     lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
-], ids=["missing", "empty", "half", "but for its end", "random", "text", "folder", "pickle", "code",
-        "class", "list", "no weights"])
+], ids=["missing", "empty", "but for its end", "text", "folder", "pickle", "code", "class", "list",
+        "no weights"])
 def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, recwarn, damage):
     path = tmp_path / "bad.pt"
     ppo.save_policy(path, ppo.ActorCritic(5, 2), META)
@@ -866,9 +801,6 @@ def test_command_line_trains_and_can_be_interrupted(tmp_path, monkeypatch, capsy
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
     assert {"policy.pt", "checkpoint.pt", "learning_curve.csv", "learning_curve.png"} == {
         path.name for path in tmp_path.iterdir()}
-    header, *table = (tmp_path / "learning_curve.csv").read_text().splitlines()
-    assert sorted(header.split(",")) == sorted(COLUMNS) and header.startswith("steps,")
-    assert [line.split(",")[0] for line in table] == ["128"], "at least one update"
     before = (tmp_path / "policy.pt").read_bytes()
 
     def interrupt(*_):

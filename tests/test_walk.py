@@ -1,7 +1,6 @@
 """Stage 2, checked against theory: splines against their boundary conditions, footsteps against
 plain geometry, the engine against itself, and the walks against physics."""
 
-import math
 from dataclasses import replace
 from importlib import import_module
 from itertools import product
@@ -14,6 +13,7 @@ walk_engine = import_module("02_walk_engine")
 
 ROBOT = robot_model.RobotModel()
 BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
@@ -27,34 +27,19 @@ def random_footsteps(rng, *shape):
     """Left and right footsteps [..., 2, 3], about as large as those of the task."""
     return rng.uniform((-0.08, -0.03, -0.2), (0.12, 0.07, 0.3), (*shape, 2, 3))
 
-def matrix(pose):
-    """Homogeneous matrix of (x, y, yaw): an independent way to compose poses."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    return np.array([[cos, -sin, pose[0]], [sin, cos, pose[1]], [0, 0, 1]])
-
-def seen_from(base, pose):
-    """The pose (x, y, yaw) seen from the frame `base`."""
-    x, y, _ = np.linalg.solve(matrix(base), [pose[0], pose[1], 1])
-    return np.array([x, y, pose[2] - base[2]])
-
 # ---------------------------------------------------------------- quintic splines
 def test_quintic_meets_its_six_boundary_conditions():
     rng = np.random.default_rng(0)
-    for _ in range(50):
-        start, end, duration = rng.normal(size=3), rng.normal(size=3), rng.uniform(0.2, 2.0)
-        c = np.polynomial.Polynomial(walk_engine.quintic(start, end, duration))
-        for t, want, where in ((0.0, start, "start"), (duration, end, "end")):
-            got = [c.deriv(order)(t) if order else c(t) for order in range(3)]
-            np.testing.assert_allclose(got, want, atol=1e-6, err_msg=(
-                f"{where}: position, velocity, acceleration; is c₂ = a₀/2? the powers of T?"))
-
-def test_quintic_of_many_splines_equals_one_at_a_time():
-    start, end = np.random.default_rng(1).normal(size=(2, 5, 4, 3))  # robots, axes
-    got = walk_engine.quintic(start, end, 0.3)
-    assert got.shape == (5, 4, 6), "start, end [..., 3] in, coefficients [..., 6] out"
-    for i, k in product(range(5), range(4)):
-        want = walk_engine.quintic(start[i, k], end[i, k], 0.3)
-        np.testing.assert_allclose(got[i, k], want, rtol=1e-12, err_msg="splines must not mix")
+    for duration in rng.uniform(0.2, 2.0, 5):
+        start, end = rng.normal(size=(2, 5, 4, 3))  # robots, axes
+        splines = walk_engine.quintic(start, end, duration)
+        assert splines.shape == (5, 4, 6), "start, end [..., 3] in, coefficients [..., 6] out"
+        for i, k in product(range(5), range(4)):
+            c = np.polynomial.Polynomial(splines[i, k])
+            for t, want, where in ((0.0, start, "start"), (duration, end, "end")):
+                got = [c.deriv(order)(t) if order else c(t) for order in range(3)]
+                close(got, want[i, k], atol=1e-6, err_msg=(
+                    f"{where}: position, velocity, acceleration; is c₂ = a₀/2? the powers of T?"))
 
 def test_polynomial_and_its_derivatives_equal_numpy():
     c, t = np.random.default_rng(1).normal(size=(2, 3, 6)), np.linspace(-1, 1, 11)
@@ -63,13 +48,13 @@ def test_polynomial_and_its_derivatives_equal_numpy():
         assert got.shape == (2, 3, 11)
         for i, k in product(range(2), range(3)):
             want = np.polyval(np.polyder(c[i, k, ::-1], order), t)
-            np.testing.assert_allclose(got[i, k], want, atol=1e-12, err_msg=f"derivative {order}")
+            close(got[i, k], want, atol=1e-12, err_msg=f"derivative {order}")
 
 def test_rest_to_rest_is_the_minimum_jerk_curve():
     tau = np.linspace(0, 1, 21)
     c = walk_engine.quintic([0, 0, 0], [2.0, 0, 0], 0.7)
     want = 2.0 * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
-    np.testing.assert_allclose(walk_engine.polynomial(c, 0.7 * tau), want, atol=1e-12, err_msg=(
+    close(walk_engine.polynomial(c, 0.7 * tau), want, atol=1e-12, err_msg=(
         "from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends"))
 
 # ---------------------------------------------------------------- the plan
@@ -79,13 +64,13 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
     plans = [engine.plan(random_footsteps(rng, 1), [0]) for _ in range(6)]
     for (first, first_feet), (second, second_feet) in zip(plans, plans[1:]):
         before, after = first.trunk[0], second.trunk[0]  # [T + 1, 6]
-        np.testing.assert_allclose(first_feet[0, -1], second_feet[0, 0], atol=1e-9, err_msg=(
+        close(first_feet[0, -1], second_feet[0, 0], atol=1e-9, err_msg=(
             "a foot jumps: the next plan must start where this one ended"))
         # Each side of the seam is one quintic, and the roll a sine: a fit of degree 9 is exact.
         last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 9)
         start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 9)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
-            np.testing.assert_allclose(start[order], last[order], atol=1e-6, err_msg=(
+            close(start[order], last[order], atol=1e-6, err_msg=(
                 f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
                 "steps: the next spline starts with the state in which this one ended"))
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
@@ -110,27 +95,27 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             x, y, z, roll, pitch, yaw = trunk[tick]
             before, after = (support + start) / 2, (support + landing) / 2
             centre = (before + after) / 2
-            np.testing.assert_allclose((z, roll), (p.trunk_height, 0))
+            close((z, roll), (p.trunk_height, 0))
             assert yaw == pytest.approx(centre[2], abs=1e-9)
-            ahead, aside, _ = seen_from(centre, [x, y, yaw])
+            ahead, aside, _ = robot_model.relative(centre, np.array([x, y, yaw]))
             assert ahead == pytest.approx(p.trunk_x_offset, abs=1e-9), (
                 "half way the trunk is between the feet, and x_offset AHEAD of their middle")
-            towards = seen_from(centre, support)[1]
+            towards = robot_model.relative(centre, support)[1]
             assert (towards < 0) == (k == 0), "while the left foot swings the right one supports"
             assert aside == pytest.approx(p.trunk_swing * towards, abs=1e-9), (
                 f"knot {k + 1}: sideways a share of the way to the SUPPORT foot, which is at "
                 f"{towards:.3f} m; the trunk is at {aside:.3f} m")
-            forward, turn = seen_from([0, 0, centre[2]], after - before)[0], after[2] - before[2]
-            assert pitch == pytest.approx(0.1 + 0.5 * forward + 0.4 * abs(turn), abs=1e-9), (
+            forward = robot_model.turned((after - before)[:2], -centre[2])[0]
+            turn = abs(after[2] - before[2])
+            assert pitch == pytest.approx(0.1 + 0.5 * forward + 0.4 * turn, abs=1e-9), (
                 "the lean is trunk_pitch + pitch_per_step · forward + …; forward: the way of the "
-                "trunk's middle, not of the foot, in its own frame (turned by its own yaw); and "
-                "a turn to either side adds the same lean")
+                "trunk's middle, not of the foot, in its own frame; turns to either side add alike")
             # From knot to knot it is one quintic: a fit of degree 5 is exact.
             near = np.arange(10) if k == 0 else np.arange(-9, 1)
             c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
-            np.testing.assert_allclose(c[1, [0, 1, 5]], (after - before) / engine.half, atol=1e-6,
-                                       err_msg="it passes with the mean velocity of the step")
-            np.testing.assert_allclose(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
+            close(c[1, [0, 1, 5]], (after - before) / engine.half, atol=1e-6, err_msg=(
+                "it passes with the mean velocity of the step"))
+            close(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
 
 def test_trunk_rolls_towards_the_support_foot_and_leaves_the_feet_where_they_were():
     p = replace(walk_engine.TUNED["mujoco"], trunk_roll=0.06)
@@ -139,18 +124,18 @@ def test_trunk_rolls_towards_the_support_foot_and_leaves_the_feet_where_they_wer
                        for roll in (0.06, 0))
     (trajectory, feet), (_, want) = (e.plan(footsteps, [0]) for e in (engine, upright))
     roll, half = trajectory.trunk[0, :, 3], engine.half_ticks
-    np.testing.assert_allclose(roll[[0, half, -1]], 0, atol=1e-12, err_msg=(
+    close(roll[[0, half, -1]], 0, atol=1e-12, err_msg=(
         "upright where single steps and double steps meet"))
     points, _ = robot_model.body_points(ROBOT, trajectory.trunk[0], trajectory.joints[0])
     lifted = points[:, 0, 0, 2] - points[:, 1, 0, 2]  # [T + 1] left hip above the right one [m]
     assert (lifted[1:half] > 0).all() and (lifted[half + 1 : -1] < 0).all(), (
         "the left foot swings first: the hip of the SWING foot is lifted")
     most = np.abs(roll).reshape(-1)[[half // 2, half + half // 2]]
-    np.testing.assert_allclose(most, p.trunk_roll, rtol=0.01, err_msg="half-way it is all of it")
-    np.testing.assert_array_equal(feet, want, err_msg="a roll moves no foot")
-    np.testing.assert_allclose(points[:, :, 2, :2], feet[0, ..., :2], atol=1e-9)
-    np.testing.assert_allclose(points[:, :, 3:, 2], feet[0, ..., 2, None] * np.ones(2), atol=1e-9,
-                               err_msg="the legs make up for the roll: soles stay level")
+    close(most, p.trunk_roll, rtol=0.01, err_msg="half-way it is all of it")
+    equal(feet, want, err_msg="a roll moves no foot")
+    close(points[:, :, 2, :2], feet[0, ..., :2], atol=1e-9)
+    close(points[:, :, 3:, 2], feet[0, ..., 2, None] * np.ones(2), atol=1e-9, err_msg=(
+        "the legs make up for the roll: soles stay level"))
 
 @BOTH
 def test_all_zero_footsteps_step_on_the_spot(sim):
@@ -159,12 +144,12 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
     stands = [[0, p.foot_distance / 2, 0], [0, -p.foot_distance / 2, 0]]
     for _ in range(4):
         trajectory, feet = engine.plan(np.zeros((1, 2, 3)), [0])
-        np.testing.assert_allclose(feet[0][..., [0, 1, 3]], np.tile(stands, (feet.shape[1], 1, 1)),
-                                   atol=1e-12, err_msg="zeros: each foot lands where it was")
+        close(feet[0][..., [0, 1, 3]], np.tile(stands, (feet.shape[1], 1, 1)), atol=1e-12,
+              err_msg="zeros: each foot lands where it was")
         rise = feet[0, ..., 2]  # [T + 1, 2]
-        np.testing.assert_allclose(rise.max(0), p.foot_rise, rtol=0.1)
+        close(rise.max(0), p.foot_rise, rtol=0.1)
         assert (rise.min(-1) == 0).all(), "one foot is always on the ground"
-        np.testing.assert_allclose(rise[[half, -1], [0, 1]], 0, atol=1e-12, err_msg=(
+        close(rise[[half, -1], [0, 1]], 0, atol=1e-12, err_msg=(
             "half of the swing up, half of it down: a foot lands at height 0"))
         assert np.all(np.abs(trajectory.trunk[0, :, 0]) < 0.02), "the trunk stays above the feet"
     assert rise[half // 2, 0] > 0.01 and rise[half + half // 2, 1] > 0.01, "left swings first"
@@ -175,12 +160,12 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
     left = feet[0, : engine.half_ticks + 1, 0]  # [K, 4]
     waiting = int(engine.parameters.double_support * engine.half_ticks)
     assert waiting >= 1, "the test should see the double support"
-    np.testing.assert_allclose(left[: waiting + 1], left[:1].repeat(waiting + 1, 0), atol=1e-12,
-                               err_msg="it waits during the double support, on the ground")
+    close(left[: waiting + 1], left[:1].repeat(waiting + 1, 0), atol=1e-12, err_msg=(
+        "it waits during the double support, on the ground"))
     speed = np.abs(np.diff(left, axis=0)) / ROBOT.control_dt
     assert np.all(speed[-1] < 0.1 * speed.max(0) + 1e-9), "the foot should land at rest"
     distance = engine.parameters.foot_distance
-    np.testing.assert_allclose(left[-1], [0.1, distance / 2 + 0.02, 0, 0.2], atol=1e-12, err_msg=(
+    close(left[-1], [0.1, distance / 2 + 0.02, 0, 0.2], atol=1e-12, err_msg=(
         "the left foot lands beside the right one, which stands at y = −distance / 2"))
     assert left[:, 2].min() >= 0, "below the ground"
 
@@ -194,23 +179,21 @@ def test_plans_of_many_robots_equal_single_plans(sim):
         for row, i in enumerate(robots):
             want, want_feet = single[i].plan(footsteps[row : row + 1], [0])
             for a, b in ((got.joints, want.joints), (got.trunk, want.trunk), (feet, want_feet)):
-                np.testing.assert_allclose(a[row], b[0], atol=1e-12, err_msg="robots must not mix")
+                close(a[row], b[0], atol=1e-12, err_msg="robots must not mix")
 
 @BOTH
 def test_feet_land_where_the_footsteps_put_them(sim):
     rng, engine, count = np.random.default_rng(5), make_engine(sim), 6
     footsteps, distance = random_footsteps(rng, 1, count), engine.parameters.foot_distance
-    right = matrix([0.0, -distance / 2, 0.0])
+    right = np.array([0.0, -distance / 2, 0.0])
     for k in range(count):
-        (x, y, yaw), (x2, y2, yaw2) = footsteps[0, k]
-        left = right @ matrix([x, distance + y, yaw])  # seen from the right foot, at its left
-        right = left @ matrix([x2, -distance - y2, -yaw2])  # seen from the left foot, mirrored
+        one, other = footsteps[0, k] + [0, distance, 0]
+        left = robot_model.compose(right, one)  # seen from the right foot, at its left
+        right = robot_model.compose(left, other * [1, -1, -1])  # seen from the left foot, mirrored
         _, feet = engine.plan(footsteps[:, k], [0])
-        for foot, want in enumerate((left, right)):
-            np.testing.assert_allclose(matrix(feet[0, -1, foot, [0, 1, 3]]), want, atol=1e-9,
-                                       err_msg=f"{('left', 'right')[foot]} foot, double step {k}")
-            np.testing.assert_allclose(engine.feet[0, foot], feet[0, -1, foot, [0, 1, 3]],
-                                       atol=1e-12, err_msg="the engine remembers where they are")
+        landed = feet[0, -1][:, [0, 1, 3]]
+        close(landed, [left, right], atol=1e-9, err_msg=f"left and right foot, double step {k}")
+        close(engine.feet[0], landed, atol=1e-12, err_msg="the engine remembers where they are")
 
 @BOTH
 def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
@@ -223,13 +206,12 @@ def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
     engine.reset(np.arange(n))
     trajectory, _ = engine.plan(0 * footsteps, np.arange(n))
     fresh, _ = make_engine(sim, n).plan(0 * footsteps, np.arange(n))
-    np.testing.assert_array_equal(trajectory.trunk, fresh.trunk, err_msg=(
-        "something of the last walk survives a reset"))
+    equal(trajectory.trunk, fresh.trunk, err_msg="something of the last walk survives a reset")
     torso, joints = engine.stance
-    np.testing.assert_allclose(trajectory.joints[:, 0], np.tile(joints, (n, 1)), atol=1e-9,
-                               err_msg="after a reset a plan starts from standing")
+    close(trajectory.joints[:, 0], np.tile(joints, (n, 1)), atol=1e-9, err_msg=(
+        "after a reset a plan starts from standing"))
     torso[0] += engine.parameters.trunk_x_offset  # where the simulator's frame begins
-    np.testing.assert_allclose(trajectory.trunk[:, 0], np.tile(torso, (n, 1)), atol=1e-9)
+    close(trajectory.trunk[:, 0], np.tile(torso, (n, 1)), atol=1e-9)
 
 # ---------------------------------------------------------------- walks
 @BOTH
@@ -265,12 +247,11 @@ def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: it should fall"
     k = fall[1] + 1
     assert seen == [3] * k + [2] * (5 - k), "watch sees every double step of the robots that are up"
-    np.testing.assert_array_equal(poses[1, k:], np.tile(poses[1, k], (6 - k, 1)), err_msg=(
-        "a walk ends with its fall"))
-    np.testing.assert_array_equal(wanted[1, k:], np.tile(wanted[1, k], (6 - k, 1)))
+    equal(poses[1, k:], np.tile(poses[1, k], (6 - k, 1)), err_msg="a walk ends with its fall")
+    equal(wanted[1, k:], np.tile(wanted[1, k], (6 - k, 1)))
     alone = walk_engine.walk(sim, walk_engine.TUNED[sim], [gentle, gentle])
     for got, want in zip((poses, wanted, fall), alone):
-        np.testing.assert_array_equal(got[[0, 2]], want, err_msg="a fall changes another walk")
+        equal(got[[0, 2]], want, err_msg="a fall changes another walk")
 
 @BOTH
 def test_on_ice_a_curve_gets_less_far_and_turns_less(sim):
