@@ -723,13 +723,26 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, recwarn, dama
     assert not [one for one in recwarn if one.category is not ResourceWarning], "a line of its own"
 
 def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
-    path = tmp_path / "policy.pt"
-    ppo.save_policy(path, ppo.ActorCritic(5, 2), META)
-    before = path.read_bytes()
-    monkeypatch.setattr(torch, "save", lambda stored, file: file.write_bytes(b"half") / 0)
-    with pytest.raises(ZeroDivisionError):
-        ppo.save_policy(path, ppo.ActorCritic(5, 2), META)
-    assert [file.read_bytes() for file in tmp_path.iterdir()] == [before], "by its name or previous"
+    model = ppo.ActorCritic(5, 2)
+    adam = torch.optim.Adam(model.parameters())
+
+    def save():
+        ppo.save_policy(tmp_path / "policy.pt", model, META)
+
+    def save_a_checkpoint():
+        ppo.save_checkpoint(tmp_path, {}, [{"steps": 1}], model, adam)
+
+    def contents():
+        return sorted(file.read_bytes() for file in tmp_path.glob("*.pt"))
+
+    save()
+    save_a_checkpoint()
+    before = contents()
+    monkeypatch.setattr(torch, "save", lambda stored, file: Path(file).write_bytes(b"half") / 0)
+    for attempt in (save, save_a_checkpoint):
+        with pytest.raises(ZeroDivisionError):
+            attempt()
+        assert contents() == before, "by its name or previous"
 
 def test_the_log_has_every_digit_of_the_steps(tmp_path):
     model = ppo.ActorCritic(1, 1)
