@@ -359,7 +359,7 @@ def mujoco_model(robot):
         make the joints oscillate.
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
-    warmstart, island: aids of the solver. It is a third faster here without them.
+    warmstart, island: aids of the solver. It is faster here without them.
     contype 0: only the three listed pairs of shapes can touch.
     condim 3: a contact has one normal force and two friction forces.
     """
@@ -508,7 +508,7 @@ class PymunkSim:
         pymunk's angle of a body   = −pitch
         joint angle q              = pitch − parent's pitch = parent's angle − angle
         pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
-        pymunk's rate of a motor   = parent's rate − rate   = +q̇
+        `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
     Yaw ψ is a degree of freedom of its own: a spring with a slipping clutch (`_run_yaw`). The
     spring is the hip's yaw motor. It is twisted by the lag e, the commanded minus the true yaw; its
@@ -583,7 +583,7 @@ class PymunkSim:
         bodies, motors = [], []
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
             # The rotor turns with the link below it. Its inertia also stabilises the solver:
-            # without it the light shin makes a standing robot sway by centimetres.
+            # without it the light shin makes a standing robot sway, by 2 cm in the first second.
             mass = self.masses[i, k]
             rotor = robot.armature if k else 0.0
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass + rotor)

@@ -34,8 +34,8 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
     p − y₀ = p·(1 − 1/cosh(√(g/h)·P/4))
 
 towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
-P = 0.62 s, and compare the share of p with `trunk_swing` below. (On the plane the trunk need not
-sway: the planar robot cannot fall sideways.)
+P = 0.62 s, and compare the share of p with `trunk_swing` in TUNED["mujoco"]. (On the plane the
+trunk need not sway: the planar robot cannot fall sideways.)
 
 Left out: stairs; stabilising within a step (the engine is open loop within a double step). Two
 simplifications: a single step lasts a whole number of control ticks, so 1.6014 and 1.6129 Hz are
@@ -62,7 +62,7 @@ class WalkParameters:
     foot_distance: float = 0.18  # [m] between the ankles when standing
     foot_rise: float = 0.05  # [m] apex of the swing foot
     trunk_height: float = 0.395  # [m] torso frame above the soles
-    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; from −0.5 to 0.5
+    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; between −0.5 and 0.5
     trunk_pitch: float = 0.1  # [rad] forward lean
     trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot
     trunk_x_offset: float = 0.0  # [m] trunk ahead of the middle of the feet
@@ -125,8 +125,9 @@ class WalkEngine:
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
                                          planar, p.trunk_x_offset)  # torso, joints
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # Trunk: x, y, yaw, pitch (its height is constant, its roll a sine), and of each of them
-        self.trunk = np.zeros((num_robots, 4, 3))  # position, velocity, acceleration
+        # Trunk [N, 4, 3]: x, y, yaw, pitch; of each of them position, velocity, acceleration.
+        # (Its height is constant, its roll a sine.)
+        self.trunk = np.zeros((num_robots, 4, 3))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):

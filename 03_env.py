@@ -6,8 +6,8 @@ has arrived when it stays: two double steps in a row must end at the goal (the p
     python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
 (`--mujoco` in 3-D.) Prints what is observed, what an action is and how the episodes end; writes
-`runs/<sim>/03_rewards.png`. Predict: which reward term has the largest positive sum for the
-hand-written planner, and which ones have a negative one?
+`runs/<sim>/03_rewards.png`. Predict: which two reward terms have the largest positive sums for the
+hand-written planner, and which ones have negative sums?
 
 An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
 the actions; a policy is a planner that is learned: a function from the observation to an action. An
@@ -97,7 +97,7 @@ LIMITS = {
 # The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
 # the goal, α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1; it is finer than d near
-# the goal and constant far from it.
+# the goal and constant beyond.
 GOAL_TABLE = (
     ("distance d, clipped", "m", 0.0, 3.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
@@ -408,8 +408,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished episode starts anew in the SAME step.
 
     Then `step` returns the first observation of the next episode; the last one of the ended
-    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Planar robots run in
-    processes, which import the main file: call this below `if __name__ == "__main__":`.)
+    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
@@ -486,15 +485,15 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 # ------------------------------------------------------------------------ demonstration
 def plot_rewards(paid, path, title):
-    """Sum over time of every reward term of robot 0; paid: [K, N] by name."""
+    """Sum over time of every reward term, mean over the robots; paid: [K, N] by name."""
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
     styles = "-", "--", ":", "-.", "x", "o-", "+"
     figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
     for (name, r), word, style in zip(paid.items(), words, styles):
         steps = range(1, len(r) + 1)
-        axis.plot(steps, r[:, 0].cumsum(), style, markevery=5, label=f"{name}: {word}")
+        axis.plot(steps, r.mean(1).cumsum(), style, markevery=5, label=f"{name}: {word}")
     axis.set(title=title, xlabel="double step (several episodes)",
-             ylabel="sum of rewards so far [1]")
+             ylabel="mean sum of rewards so far [1]")
     axis.legend(ncols=2)
     axis.grid(alpha=0.3)
     robot_model.save_figure(figure, path)
@@ -529,7 +528,7 @@ def main():
         print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
     plot_rewards(paid, out / "03_rewards.png",
-                 f"What each reward has paid robot 0, hand-written planner ({args.sim})")
+                 f"What each reward has paid on average, hand-written planner ({args.sim})")
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":

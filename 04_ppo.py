@@ -26,8 +26,9 @@ How the average changes with the policy's parameters (the policy gradient), firs
   A number b that does not depend on a changes nothing: E[b·∇ln π] = b·Σ_a ∇π = b·∇1 = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
 Over an episode the gradients of its decisions are added. (The rewards before a decision do not
-depend on its action; they drop out like b.) Following this gradient makes good actions more likely
-and bad ones less.
+depend on its action; they drop out like b. Exactly, decision t counts γᵗ times; as usual we leave
+this out, so that late decisions learn as much.) Following this gradient makes good actions more
+likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
@@ -72,7 +73,7 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 torch.set_num_threads(1)  # matrices this small are slower on several threads
 Distribution.set_default_validate_args(False)  # quicker
-STEPS, QUICK_STEPS = 1_000_000, 60_000  # double steps; as many as the paper's
+STEPS, QUICK_STEPS = 1_000_000, 60_000  # double steps; the first is the paper's
 
 @dataclass(frozen=True)
 class PPOConfig:
@@ -92,7 +93,7 @@ class PPOConfig:
     first_concentration: float = 10.0  # c = α+β of the first policy, > 2; large: little noise [own]
     sharpest: float = 4.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
     checkpoint_every: int = 10  # updates; then all episodes begin anew, see `train` [own]
-    unsettled: int = 3  # updates after such a beginning whose short episodes are not logged [own]
+    unsettled: int = 3  # updates after it that are not logged: only short episodes have ended [own]
 
 # Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
 GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1,

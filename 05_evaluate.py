@@ -455,8 +455,10 @@ def goals_of(row):
 MOST = 10**4  # [trials] in a block: they take 5 GB of memory
 
 def read_trials(path, seed, friction):
-    """The Trials of a CSV file with columns x, y [m], yaw [rad]: line by line of this seed and
-    friction; but with columns seed, trial and mu (μ), as in trials.csv, those very ones, each once.
+    """The Trials of a CSV file with columns x, y [m], yaw [rad]: line i is trial i of this seed.
+
+    Columns seed, trial and mu (μ), as in trials.csv, name the trials themselves, each taken once.
+    `friction`, unless nan, replaces mu.
     """
     try:
         with warnings.catch_warnings(action="ignore"):  # about an empty file: refused below
