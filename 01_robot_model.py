@@ -42,7 +42,8 @@ Frames: x forward, y left, z up. Angles are in radians, positive by the right-ha
 along the axis); a positive pitch turns z towards x, so the torso leans forward. All twelve joints:
 left leg, then right leg, each in the order of the table. The sagittal plane is the plane of x and
 z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its simulated pose. The
-support foot stands while the swing foot moves; the sole is the rectangle under a foot. Armature is
+support foot stands while the swing foot moves; the sole is the rectangle under a foot. The gyro is
+the sensor of the torso's angular velocity, the reflex its way to the ankles. Armature is
 the inertia of a motor's rotor, seen through the gears. Back-EMF: a turning motor is a generator,
 too, and brakes itself; at its speed limit no torque is left. Shapes: N robots, n some of them
 (given by their indices), T control ticks.
@@ -78,6 +79,8 @@ LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
+READ_EVERY = 2  # [ticks] how often the reflex reads the gyro
+REFLEX_LIMIT = 0.25  # [rad] of what it adds to a joint target; our choice
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 @dataclass(frozen=True)
@@ -148,7 +151,10 @@ class Body:
 class Trajectory:
     """The commands for N robots in T control ticks; sample 0 is where the last one ended."""
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
-    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]; only the plane reads it
+    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
+    support: np.ndarray  # [N, T, 2] [s] gain of the reflex: left, right ankle; 0 where it swings
+    gyro: np.ndarray  # [N, T, 2] [rad/s] error of the gyro about x and y, see `reflex`
+    push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane ahead, 0
 
 @dataclass
 class Motion:
@@ -307,6 +313,24 @@ def fallen(torso, standing_height):
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
+# ------------------------------------------------------------------------ the reflex
+def reflex(robot, trajectory, tick, end, spin):
+    """What the gyro adds to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
+
+    spin [n, 2]: true angular velocity of the torso about its x and y axes at the first of these
+    ticks [rad/s]. A torso that turns forward faster than planned gets its support ankle lowered:
+    the toes press on the ground, which brakes the turn.
+    """
+    # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
+    lean = trajectory.trunk[..., 3:5]
+    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+    # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
+    rate = spin + trajectory.gyro[:, tick] - planned
+    turn = trajectory.support[:, tick:end, :, None] * rate[:, None, None]  # [n, ticks, foot, 2]
+    added = np.zeros((*turn.shape[:3], 6))
+    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
+    return added.reshape(*turn.shape[:2], 12)
+
 # ------------------------------------------------------------------------ MuJoCo, 3-D
 def leg_xml(robot, leg, side):
     """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
@@ -409,7 +433,7 @@ def euler(quaternion):
     return np.stack([roll, pitch, yaw], -1)
 
 class MujocoSim:
-    """N robots in 3-D. One call of `mujoco.rollout` runs all of them on all cores."""
+    """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores."""
     # Columns of MuJoCo's state [38]; from 20 on velocities: place, turning (own axes), joints.
     TIME = 0
     PLACE = slice(1, 4)
@@ -437,6 +461,8 @@ class MujocoSim:
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
         self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        kinds = mujoco.mjtState
+        self.inputs = int(kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED)
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
@@ -464,19 +490,34 @@ class MujocoSim:
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         robot, targets = self.robot, trajectory.joints
-        start = self.state[robots]
+        start = state = self.state[robots]
         # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
         # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
-        late = np.concatenate([self.control[robots][:, None], control[:, :-1]], 1)  # by a tick
-        self.control[robots] = control[:, -1]
-        control = np.where(self.delay[robots, None, None], late, control)
-        control = np.repeat(control, robot.substeps, axis=1)
-        states, _ = self.pool.rollout([self.models[i] for i in robots], self.data, start, control)
+        models, ticks = [self.models[i] for i in robots], rate.shape[1]
+        # From one reading of the gyro to the next nothing interferes: one rollout.
+        every = READ_EVERY if trajectory.support.any() else ticks
+        parts = []
+        for t in range(0, ticks, every):
+            end = min(t + every, ticks)
+            turning = state[:, self.SPIN][:, :2]
+            now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
+            late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
+            self.control[robots] = now[:, -1]
+            now = np.where(self.delay[robots, None, None], late, now)
+            # Behind the controls: force and torque on every body; the torso is body 1.
+            outer = np.zeros((*now.shape[:2], 6 * self.model.nbody))
+            outer[..., 6:8] = trajectory.push[:, t:end]
+            inputs = np.repeat(np.concatenate([now, outer], -1), robot.substeps, axis=1)
+            states, _ = self.pool.rollout(
+                models, self.data, state, inputs, control_spec=self.inputs)
+            parts.append(states)
+            state = states[:, -1]
+        states = np.concatenate(parts, 1)  # [n, T·substeps, 38]
         # MuJoCo puts a diverged robot back to its start, at time 0. We count this as a fall.
         passed = states[:, -1, self.TIME] - start[:, self.TIME]  # [n] [s]
-        lost = ~np.isfinite(states).all((1, 2)) | (passed < rate.shape[1] * robot.control_dt - 1e-6)
+        lost = ~np.isfinite(states).all((1, 2)) | (passed < ticks * robot.control_dt - 1e-6)
         states[lost] = start[lost, None]
         self.state[robots] = states[:, -1]
         seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks
@@ -630,7 +671,7 @@ class PymunkSim:
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         robots = np.asarray(robots, int)
-        seen = self._run_plane(trajectory.joints[..., SAGITTAL], robots)  # [n, T + 1, 7, 6]
+        seen = self._run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self._run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
@@ -652,27 +693,33 @@ class PymunkSim:
         spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(spin, -1), fell)
 
-    def _run_plane(self, targets, robots):
-        """Bodies [n, T + 1, 7, 6], before and after every tick; joint targets [n, T + 1, 6]."""
-        robot = self.robot
+    def _run_plane(self, trajectory, robots):
+        """Bodies [n, T + 1, 7, 6], before and after every tick."""
+        robot, targets = self.robot, trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         dt = robot.control_dt / robot.substeps  # [s]
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
         wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
-        late = np.concatenate([self.last[robots][:, None], wanted[:, :-1]], 1)  # by a tick
-        self.last[robots] = wanted[:, -1]
-        wanted = np.where(self.delay[robots, None, None, None], late, wanted)
+        ticks = rates.shape[1]
         seen = np.empty((*targets.shape[:2], 7, 6))
         seen[:, 0] = self.bodies[robots]
-        for t in range(rates.shape[1]):
+        for t in range(ticks):
+            if t % READ_EVERY == 0:
+                end = min(t + READ_EVERY, ticks)
+                turning = [0, -1] * seen[:, t, 0, [self.SPIN]]  # [n, 2] the plane has no roll
+                wanted[:, t:end, 0] += reflex(robot, trajectory, t, end, turning)[..., SAGITTAL]
+            now = np.where(self.delay[robots, None, None], self.last[robots], wanted[:, t])
+            self.last[robots] = wanted[:, t]
             # A motor that only followed the error would lag behind a moving target: add the
             # target's rate. So a joint arrives at the end of the tick where the target is then.
-            error = wanted[:, t, 0] - self._angles(seen[:, t])
-            speeds = np.clip(wanted[:, t, 1] + self.gain[robots] * error, -limit, limit)
-            for i, row in zip(robots.tolist(), speeds.tolist()):
+            error = now[:, 0] - self._angles(seen[:, t])
+            speeds = np.clip(now[:, 1] + self.gain[robots] * error, -limit, limit)
+            pushes = trajectory.push[:, t].tolist()
+            for i, row, push in zip(robots.tolist(), speeds.tolist(), pushes):
                 for motor, speed in zip(self.motors[i], row):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
+                    self.motors[i][0].a.force = push  # on the torso, in this step only
                     self.spaces[i].step(dt)
             seen[:, t + 1] = self._read(robots)
             lost = ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))  # diverged; nan < 1e4 is False, too
@@ -742,7 +789,8 @@ def main():
     for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
         joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
     trunk = np.zeros((count, len(seconds), 6))
-    motion = sim.run(Trajectory(joints, trunk), np.arange(count))
+    none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
+    motion = sim.run(Trajectory(joints, trunk, none, none, none), np.arange(count))
     sim.close()
     i = np.argmin(np.where(motion.fell, leans, np.inf))  # the smallest lean that fell
     print(f"{motion.fell.sum()} of {count} fell; the smallest lean that did: {leans[i]:.2f} rad")

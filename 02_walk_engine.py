@@ -1,13 +1,16 @@
 """Stage 2: how do two footsteps become a walk?
 
 Paper: the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for the
-swing foot and the trunk, analytic inverse kinematics, open loop (without feedback) within a double
-step; parameters found by optimisation.
+swing foot and the trunk, analytic inverse kinematics; parameters found by optimisation. Ours is the
+reflex, which the paper names as future work: within a double step the ankle of the support foot
+answers the gyro.
 
-    python 02_walk_engine.py      one plan, and four walks; 4 seconds (`--mujoco` in 3-D)
+    python 02_walk_engine.py      a plan, four walks, a push; 4 seconds (`--mujoco` in 3-D)
 
 Prints how far four walks of eight double steps were commanded and how far the robot walked; draws
-`runs/<sim>/02_plan.png` and `02_walk.png`. The robot should walk nearly as far as commanded. How
+`runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The robot should walk nearly as far as
+commanded. Then two robots are pushed forward amid a walk, one of them with the reflex, the other
+one without. Guess first: which of them stays up? How
 fast and how well it can walk, on other grounds and with other bodies, is measured (and tuned) by
 `python tests/studies/walk.py`.
 
@@ -37,9 +40,7 @@ towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0
 P = 0.62 s, and compare the share of p with `trunk_swing` in TUNED["mujoco"]. (On the plane the
 trunk need not sway: the planar robot cannot fall sideways.)
 
-Left out: stairs; stabilising within a step (the engine is open loop within a double step). Two
-simplifications: a single step lasts a whole number of control ticks, so 1.6014 and 1.6129 Hz are
-the same walk; and the trunk's roll is a sine that begins with its full rate when a walk starts.
+Left out: stairs; steps that answer a push (only the ankles do).
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -57,7 +58,7 @@ LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
 @dataclass(frozen=True)
 class WalkParameters:
     """Named after those of [5]. The values here are a first guess; those in use: TUNED."""
-    frequency: float = 1.6  # [Hz] double steps per second; a single step is rounded to whole ticks
+    half_ticks: int = 31  # [control ticks] of a single step
     double_support: float = 0.1  # [-] share of a single step with both feet on the ground
     foot_distance: float = 0.18  # [m] between the ankles when standing
     foot_rise: float = 0.05  # [m] apex of the swing foot
@@ -69,17 +70,19 @@ class WalkParameters:
     pitch_per_step: float = 0.0  # [rad/m] lean added per metre that the middle of the feet moves on
     pitch_per_turn: float = 0.0  # [rad/rad] lean added per turn in a single step, to either side
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
+    reflex: float = 0.05  # [s] gain at the support ankle, see `reflex` of stage 1; ours
 
-# Found by `tests/studies/walk.py --tune`, 2026-11-21 (in 3-D by two runs of an earlier script).
+# Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
+# it (2026-11-23).
 TUNED = {
     "pymunk": WalkParameters(
-        frequency=1.6129, double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718,
-        trunk_phase=0.0353, trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024,
-        pitch_per_step=-0.0122, pitch_per_turn=0.1092),
+        double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718, trunk_phase=0.0353,
+        trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024, pitch_per_step=-0.0122,
+        pitch_per_turn=0.1092),
     "mujoco": WalkParameters(
-        frequency=1.6014, double_support=0.0855, foot_distance=0.1683, foot_rise=0.0312,
-        trunk_height=0.3802, trunk_phase=-0.0469, trunk_pitch=0.0695, trunk_swing=0.2186,
-        trunk_x_offset=0.013, pitch_per_step=-0.2545, pitch_per_turn=0.0214, trunk_roll=0.0541),
+        double_support=0.0777, foot_distance=0.1634, foot_rise=0.0307, trunk_height=0.3767,
+        trunk_phase=-0.0475, trunk_pitch=0.0706, trunk_swing=0.2214, trunk_x_offset=0.0124,
+        pitch_per_step=-0.2815, pitch_per_turn=0.05, trunk_roll=0.0533),
 }
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
 
@@ -119,15 +122,14 @@ class WalkEngine:
         self.parameters = parameters
         self.robot = robot
         self.planar = planar
-        self.half_ticks = max(2, round(0.5 / p.frequency / robot.control_dt))
-        self.half = self.half_ticks * robot.control_dt  # [s] a single step
+        self.half = p.half_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.half  # [s] a double step
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
                                          planar, p.trunk_x_offset)  # torso, joints
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # Trunk [N, 4, 3]: x, y, yaw, pitch; of each of them position, velocity, acceleration.
-        # (Its height is constant, its roll a sine.)
-        self.trunk = np.zeros((num_robots, 4, 3))
+        # Trunk [N, 5, 3]: x, y, yaw, pitch, roll; of each of them position, velocity, acceleration.
+        # (Its height is constant.)
+        self.trunk = np.zeros((num_robots, 5, 3))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
@@ -137,7 +139,7 @@ class WalkEngine:
         self.feet[robots, LEFT, 1] = p.foot_distance / 2
         self.feet[robots, RIGHT, 1] = -p.foot_distance / 2
         self.trunk[robots] = 0
-        self.trunk[robots, :, 0] = p.trunk_x_offset, 0, 0, p.trunk_pitch
+        self.trunk[robots, :, 0] = p.trunk_x_offset, 0, 0, p.trunk_pitch, 0
 
     def landings(self, right, footsteps):
         """Where the left and then the right foot land [n, 3]; right [n, 3], footsteps [n, 2, 3]."""
@@ -175,15 +177,19 @@ class WalkEngine:
         feet = self._feet_path(left, right, new_left, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         joints = robot_model.body_inverse(self.robot, trunk, feet, self.planar)
-        return robot_model.Trajectory(joints, trunk), feet
+        half = self.parameters.half_ticks
+        support = np.zeros((len(left), 2 * half, 2))  # the gain of each foot while it stands
+        support[:, :half, RIGHT] = support[:, half:, LEFT] = self.parameters.reflex
+        zero = np.zeros_like(support)  # an exact gyro, no push
+        return robot_model.Trajectory(joints, trunk, support, zero, zero.copy()), feet
 
     def _knot(self, support, start, landing):
-        """State of the trunk (x, y, yaw, pitch) in the middle of a single step, [n, 4, 3].
+        """State of the trunk (x, y, yaw, pitch, roll) in the middle of a single step, [n, 5, 3].
 
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
         it lands. The trunk is half way between the middle of the feet before the step and the
-        middle after it, moves with the mean velocity, without acceleration, and is shifted towards
-        the support foot.
+        middle after it, moves with the mean velocity, without acceleration, and is shifted and
+        rolled towards the support foot.
         """
         # aside = trunk_swing · y of the support foot, seen from the middle
         # lean  = trunk_pitch + pitch_per_step · ahead + pitch_per_turn · |turn|
@@ -192,26 +198,28 @@ class WalkEngine:
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
         centre = (before + after) / 2
-        aside = p.trunk_swing * robot_model.relative(centre, support)[:, 1]  # [n]
+        side = robot_model.relative(centre, support)[:, 1]  # [n] [m] left: positive
+        aside = p.trunk_swing * side
         offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
-        knot = np.zeros((len(centre), 4, 3))
+        knot = np.zeros((len(centre), 5, 3))
         knot[:, :3, 0] = compose(centre, offset)
         knot[:, :3, 1] = (after - before) / self.half
         ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]  # [n] [m]
         turn = np.abs(after - before)[:, 2]
         knot[:, 3, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
+        knot[:, 4, 0] = -p.trunk_roll * np.sign(side)  # a positive roll leans to the right
         return knot
 
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
-        time = np.arange(2 * self.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
+        time = np.arange(2 * self.parameters.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
         begins = np.array([0.0, ends[0], ends[1]])
-        states = [self.trunk[robots], *knots]  # [n, 4, 3] each
-        path = np.empty((len(knots[0]), 4, len(time)))
+        states = [self.trunk[robots], *knots]  # [n, 5, 3] each
+        path = np.empty((len(knots[0]), 5, len(time)))
         for k in range(3):
-            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])  # [n, 4, 6]
+            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])  # [n, 5, 6]
             inside = (time > begins[k] - 1e-9) & (time <= ends[k] + 1e-9)
             path[..., inside] = polynomial(spline, time[inside] - begins[k])
         # The double step ends within the last spline; the next double step begins in that state:
@@ -219,15 +227,13 @@ class WalkEngine:
         rest = self.period - begins[2]  # `spline` is the third one now
         state = [polynomial(spline, rest, order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
-        x, y, yaw, pitch = np.moveaxis(path, 1, 0)  # [n, T + 1] each
+        x, y, yaw, pitch, roll = np.moveaxis(path, 1, 0)  # [n, T + 1] each
         z = np.full_like(x, p.trunk_height)
-        # The left foot swings first, and its side is lifted: a positive roll.
-        roll = 0 * x + p.trunk_roll * np.sin(np.pi * time / self.half)
         return np.stack([x, y, z, roll, pitch, yaw], -1)
 
     def _feet_path(self, left, right, new_left, new_right):
         """x, y, z, yaw of both soles, [n, T + 1, 2, 4]: each stands while the other one swings."""
-        change = self.half_ticks  # the tick when the support foot changes
+        change = self.parameters.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), 2 * change + 1, 2, 4))
         feet[:, : change + 1, LEFT] = self._swing(left, new_left)
         feet[:, change:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z is 0 (a view)
@@ -239,7 +245,7 @@ class WalkEngine:
         """Swing foot [n, half_ticks + 1, 4] (x, y, z, yaw): waits, rises, lands."""
         wait = self.parameters.double_support * self.half
         swing = self.half - wait  # [s]
-        t = np.arange(self.half_ticks + 1) * self.robot.control_dt  # [half_ticks + 1] [s]
+        t = np.arange(self.parameters.half_ticks + 1) * self.robot.control_dt  # [s]
         t = np.clip(t - wait, 0, swing)
         zero = np.zeros_like(start)
         begin = np.stack([start, zero, zero], -1)  # at rest
@@ -251,12 +257,13 @@ class WalkEngine:
         foot[..., 2] = polynomial(up, np.minimum(t, swing - t))
         return foot
 
-def walk(sim, parameters, footsteps, body=None, watch=None):
+def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     """Walk N robots (of stage 1's Body) through K double steps [N, K, 2, 3], from standing.
 
     Returns torso poses [N, K + 1, 3], commanded poses between the feet [N, K + 1, 3] (yaws
-    unwrapped), and in which double step each robot fell [N] (K: it did not fall). watch(engine,
-    motion) is called after every double step.
+    unwrapped), and in which double step each robot fell [N] (K: it did not fall). Before every
+    double step disturb(trajectory, robots) may change the Trajectory of these robots [n]; after it
+    watch(engine, motion) is called.
     """
     footsteps = np.asarray(footsteps, float)
     n, count = footsteps.shape[:2]
@@ -271,7 +278,10 @@ def walk(sim, parameters, footsteps, body=None, watch=None):
         wanted[:, k + 1] = wanted[:, k]
         up = np.flatnonzero(fall == count)
         if len(up):
-            motion = simulator.run(engine.plan(footsteps[up, k], up)[0], up)
+            trajectory, _ = engine.plan(footsteps[up, k], up)
+            if disturb:
+                disturb(trajectory, up)
+            motion = simulator.run(trajectory, up)
             poses[up, k + 1] = motion.torso[:, -1, [0, 1, 5]]
             wanted[up, k + 1] = engine.feet[up].mean(1)
             fall[up[motion.fell]] = k
@@ -288,6 +298,41 @@ WALKS = {  # eight double steps each
     "sideways": [[0, 0.06, 0], [0, 0, 0]],
     "a left turn": [[0.06, 0, 0.15], [0.06, 0, -0.15]],
 }
+
+def pushed(sim, parameters, speed):
+    """Two robots walk forward, the second one without the reflex. In the second double step both
+    are pushed forward for 50 ms, by `speed` [m/s]: torso [2, T, 6], joints [2, T, 12].
+    """
+    engine = WalkEngine(2, parameters, planar=sim == "pymunk")
+    simulator = robot_model.make_sim(sim, 2, engine.stance)
+    motions = []
+    for k in range(4):
+        trajectory, _ = engine.plan(np.array([WALKS["forward"]] * 2), [0, 1])
+        trajectory.support[1] = 0
+        if k == 1:  # force = mass·Δv / duration
+            trajectory.push[:, 10:15, 0] = engine.robot.torso.mass * speed / 0.05
+        motions.append(simulator.run(trajectory, [0, 1]))
+    simulator.close()
+    return [np.concatenate([getattr(motion, name) for motion in motions], 1)
+            for name in ("torso", "joints")]
+
+def plot_push(robot, torso, joints, path, title):
+    """Pitch over time, and both robots 0.4 s after the push; torso [2, T, 6], joints [2, T, 12]."""
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained",
+                                width_ratios=[2, 1, 1])
+    time = np.arange(torso.shape[1]) * robot.control_dt
+    moment = 2 * TUNED["mujoco"].half_ticks + 50  # [ticks]
+    for i, (name, style) in enumerate((("with the reflex", "-"), ("without", "--"))):
+        axes[0].plot(time, np.degrees(torso[i, :, 4]), "k" + style, label=name)
+        x = torso[i, moment, 0]
+        robot_model.draw_robot(axes[1 + i], robot, torso[i, moment], joints[i, moment])
+        axes[1 + i].axhline(0, color="0.5", lw=1)
+        axes[1 + i].set(title=f"{name}, at {time[moment]:.1f} s", aspect="equal", xlabel="x [m]",
+                        ylabel="z [m]", xlim=(x - 0.4, x + 0.4), ylim=(-0.05, 0.75))
+    axes[0].set(title=title, xlabel="time [s]", ylabel="pitch of the torso [°], forward up")
+    axes[0].legend()
+    axes[0].grid(alpha=0.3)
+    robot_model.save_figure(figure, path)
 
 def plot_plan(engine, trajectory, feet, path):
     """Trunk and feet of one robot's double step over time."""
@@ -334,7 +379,9 @@ def main():
         print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
     plot_walks(poses, wanted, out / "02_walk.png",
                f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
-    print("Look at", out / "02_plan.png", "and", out / "02_walk.png")
+    torso, joints = pushed(args.sim, TUNED[args.sim], 0.6)
+    plot_push(engine.robot, torso, joints, out / "02_push.png", "The same push, by 0.6 m/s")
+    print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 if __name__ == "__main__":
     robot_model.run(main)

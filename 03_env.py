@@ -46,18 +46,20 @@ class Task:
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
-    imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity; ours
+    imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
+    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] a double step − its plan, 1 σ; measured
+    push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
-    s_c: float = 0.02  # [-] continuity
+    s_c: float = 0.1  # [-] continuity
     s_fall: float = 10.0  # [-] the price of a fall; ours
-    s_goal: float = 1.0  # [-] the prize for having arrived; ours
-    s_time: float = 0.02  # [-] the price of a double step; ours. γ is the discount of stage 4:
+    s_goal: float = 1.5  # [-] the prize for having arrived; ours
+    s_time: float = 0.04  # [-] the price of a double step; ours. γ is the discount of stage 4:
     #                       a reward t double steps ahead counts γᵗ times. So walking without end
-    #                       costs 0.02 + 0.02·γ + 0.02·γ² + … = 0.02 / (1 − γ) = 1 with γ = 0.98.
+    #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 2 with γ = 0.98.
 
 @dataclass(frozen=True)
 class Spread:
@@ -68,6 +70,7 @@ class Spread:
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
     stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
     delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
+    gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
 
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
@@ -85,13 +88,12 @@ class StepLimits:
     """The smallest and the largest footstep that an action can command."""
     low: tuple  # x [m], y [m], yaw [rad], outward positive
     high: tuple
-    load: float = 1.5  # [-] largest sum of the shares of x, y and yaw, see `within`
 
 # Our choice, from the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
 # cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
 LIMITS = {
-    "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.10, 0.60)),
-    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.16, 0.10, 0.45)),
+    "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.15, 0.60)),
+    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.15, 0.15, 0.50)),
 }
 
 # The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
@@ -99,7 +101,7 @@ LIMITS = {
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1; it is finer than d near
 # the goal and constant beyond.
 GOAL_TABLE = (
-    ("distance d, clipped", "m", 0.0, 3.0),
+    ("distance d, clipped", "m", 0.0, 2.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     ("y = d·sin β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     ("cos β", "1", -1.0, 1.0),
@@ -155,36 +157,17 @@ def encode_goal(goal):
     d, alpha, beta = polar(goal)
     x = np.clip(goal[..., 0] / 0.5, -1, 1)
     y = np.clip(goal[..., 1] / 0.5, -1, 1)
-    return np.stack([np.minimum(d, 3.0), x, y, np.cos(beta), np.sin(beta),
+    return np.stack([np.minimum(d, 2.0), x, y, np.cos(beta), np.sin(beta),
                      np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
 
 # ------------------------------------------------------------------------ actions
-def within(footsteps, limits):
-    """Footsteps [..., 2, 3], made smaller where x, y and yaw together exceed the limit `load`.
-
-    x, y and yaw each use a share of their limit, 0 to 1. The three together are at most `load`. So
-    a footstep may use all of one limit and half of another, but not all of all three. A single axis
-    is never changed.
-    """
-    # s = |x| / x_max + |y| / y_max + |yaw| / yaw_max;   footstep ← footstep · min(1, load / s)
-    largest = np.where(footsteps >= 0, limits.high, np.negative(limits.low))
-    share = (np.abs(footsteps) / largest).sum(-1, keepdims=True)
-    return footsteps / np.maximum(1, share / limits.load)
-
 def to_footsteps(action, limits):
-    """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper.
-
-    A footstep that exceeds the limit `load` is made smaller (`within`).
-    """
+    """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper."""
     share = np.reshape(action, (*np.shape(action)[:-1], 2, 3))
-    asked = limits.low + share * np.subtract(limits.high, limits.low)
-    return within(asked, limits)
+    return limits.low + share * np.subtract(limits.high, limits.low)
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1].
-
-    The inverse of `to_footsteps`, as long as `within` makes nothing smaller.
-    """
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
     share = (footsteps - np.array(limits.low)) / np.subtract(limits.high, limits.low)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
@@ -212,8 +195,8 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
-    # r_c = −Σ (action − last action)² over x and y of both feet; a turn may change freely
-    change = (action - last_action)[:, [0, 1, 3, 4]]  # [n, 4]
+    # r_c = −Σ (action − last action)²
+    change = action - last_action  # [n, 6]
     return {
         "r_d": task.s_d * progress[0],
         "r_a": task.s_a * progress[1],
@@ -241,15 +224,43 @@ def hand_written(measured, limits):
     right = np.stack([x / 2, np.maximum(-y, 0), -turn], -1)
     return to_action(np.clip(np.stack([left, right], 1), low, high), limits)
 
+# ------------------------------------------------------------------------ the estimate
+# A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
+# a Kalman filter for each of x, y and yaw, as if their errors were independent.
+def predict(goal, variance, motion, drift):
+    """The goal [n, 3] after a double step of the robot, and the variance [n, 3] of its error.
+
+    motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
+    [3]: standard deviation of the double step from its plan. All in m, m, rad.
+    """
+    goal = robot_model.relative(motion, goal)
+    x, y, _ = goal.T
+    # A turn that is off by e moves what lies ahead by x to the side by e·x:
+    # V ← V + drift² + (y², x², 0)·drift_yaw²
+    lever = np.stack([y, x, 0 * x], -1)
+    return goal, variance + np.square(drift) + (lever * drift[2]) ** 2
+
+def correct(goal, variance, measured, noise):
+    """The goal [n, 3] after a measurement [n, 3], and its variance; noise: its 1 σ [3]."""
+    # K = V / (V + R): 1 trusts the measurement, 0 the prediction;   V ← (1 − K)·V = K·R
+    # goal ← goal + K·(measured − goal)
+    gain = variance / (variance + np.square(noise))
+    error = measured - goal
+    error[:, 2] = wrap(error[:, 2])
+    goal = goal + gain * error
+    goal[:, 2] = wrap(goal[:, 2])
+    return goal, gain * np.square(noise)
+
 # ------------------------------------------------------------------------ the world
 # In every episode a robot has one generator for each purpose. So a planner that measures the goal
-# twice does not change the ground. ("kicks" is used only in tests/studies.)
-PURPOSES = ("goal", "world", "noise", "imu", "kicks")
+# twice does not change the ground.
+PURPOSES = ("goal", "world", "noise", "imu", "push", "gyro")
+PUSH_TICKS = 5  # how long a push lasts
 ENDS = ("success", "fall", "timeout", "time")  # what the info of an ended episode contains
 
 @dataclass(frozen=True)
 class View:
-    """What a planner may use for n robots, beside the measured goals; all of it is copied."""
+    """What a planner may use for n robots, beside the estimated goals; all of it is copied."""
     period: float  # [s] of a double step
     limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
@@ -271,6 +282,7 @@ class FootstepWorld:
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
+        self.push = 0.0  # [m/s] Δv of the pushes
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
@@ -281,11 +293,15 @@ class FootstepWorld:
         self.rng = [np.random.default_rng() for _ in range(num_robots)]
         self.dice = [{}] * num_robots  # a generator by purpose, for each robot; made by `reset`
         self.friction = np.zeros(num_robots)  # μ of the episode
+        self.gyro_offset = np.zeros((num_robots, 2))  # [rad/s] constant error of x and y
         self.goal = np.zeros((num_robots, 3))
+        self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
+        self.variance = np.zeros((num_robots, 3))  # of the estimate's error [m², m², rad²]
         self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
         self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
         self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
+        self.age = np.zeros(num_robots, int)  # more of them, for the time limit only
         self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
 
     def reset(self, robots, rngs=(), goals=None, friction=np.nan):
@@ -308,11 +324,14 @@ class FootstepWorld:
         self.sim.reset(robots, body)
         self.engine.reset(robots)
         self.friction[robots] = body.friction
+        self.gyro_offset[robots] = [
+            self.dice[i]["gyro"].uniform(-self.spread.gyro, self.spread.gyro, 2) for i in robots]
+        self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
         self.goal[robots] = goals
         self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
-        self.steps[robots] = 0
+        self.steps[robots] = self.age[robots] = 0
         self.inside[robots] = False
 
     def _draw_goal(self, rng):
@@ -332,17 +351,35 @@ class FootstepWorld:
         return exact + np.array(drawn) * std
 
     def measure(self, robots):
-        """The goal as the robot measures it [n, 3]."""
+        """The goal [n, 3] as the robot knows it after one more measurement; exact without noise."""
         std = (self.task.noise_m, self.task.noise_m, self.task.noise_rad)
         goal = self._noisy("noise", self.relative_goal(robots), robots, std)
         goal[:, 2] = wrap(goal[:, 2])
-        return goal
+        if not self.noise:
+            return goal
+        self.estimate[robots], self.variance[robots] = correct(
+            self.estimate[robots], self.variance[robots], goal, std)
+        return self.estimate[robots]
+
+    def _disturb(self, trajectory, robots):
+        """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
+        ticks = trajectory.push.shape[1]
+        force = self.engine.robot.torso.mass * self.push / (
+            PUSH_TICKS * self.engine.robot.control_dt)  # F = m·Δv / t [N]
+        for row, i in enumerate(robots):
+            noise = self.dice[i]["gyro"].normal(size=(ticks, 2))
+            trajectory.gyro[row] = self.gyro_offset[i] + self.task.imu_rad_s * noise
+            chance, begin, way = self.dice[i]["push"].random(3)
+            if chance < self.engine.period / self.task.push_every:
+                first = int(begin * (ticks - PUSH_TICKS + 1))
+                way = 2 * np.pi * way
+                ahead, left = np.cos(way), np.sin(way)
+                if self.engine.planar:
+                    ahead, left = np.sign(ahead), 0
+                trajectory.push[row, first : first + PUSH_TICKS] = force * ahead, force * left
 
     def observe(self, robots, measured, imu=False):
-        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3].
-
-        The actions in it are those that were asked for, before `within`.
-        """
+        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
         parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
         if imu:
             std = (self.task.imu_rad,) * 2 + (self.task.imu_rad_s,) * 3
@@ -371,6 +408,11 @@ class FootstepWorld:
         before = self.relative_goal(robots)
         last = self.actions[robots, 0]
         trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
+        trunk = trajectory.trunk[:, :, [0, 1, 5]]
+        self.estimate[robots], self.variance[robots] = predict(
+            self.estimate[robots], self.variance[robots],
+            robot_model.relative(trunk[:, 0], trunk[:, -1]), self.task.drift)
+        self._disturb(trajectory, robots)
         motion = self.sim.run(trajectory, robots)
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
         self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
@@ -383,7 +425,8 @@ class FootstepWorld:
         inside &= ~motion.fell  # a fall wins
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
-        timeout = (self.steps[robots] >= self.most_steps) & ~success & ~motion.fell
+        late = self.steps[robots] + self.age[robots] >= self.most_steps
+        timeout = late & ~success & ~motion.fell
         seconds = self.steps[robots] * self.engine.period
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
         return {"success": success, "fall": motion.fell, "timeout": timeout, "inside": inside,
@@ -412,8 +455,10 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
 
-    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, **settings):
+    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False,
+                 **settings):
         self.num_envs = num_envs
+        self.staggered = staggered  # the first episodes get less time, so they end one by one
         self.imu = imu
         self.single_observation_space, self.single_action_space = spaces(imu)
         self.observation_space = gym.vector.utils.batch_space(
@@ -431,6 +476,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         super().reset(seed=seed)
         rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
+        if self.staggered:
+            self.world.age[:] = self.np_random.integers(self.world.most_steps, size=self.num_envs)
         return self._observe(self.robots), {}
 
     def step(self, actions):

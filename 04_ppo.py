@@ -4,7 +4,7 @@ Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distributio
 variable), trained with PPO, proximal policy optimization [7]. The paper used Stable-Baselines3 [8];
 here it is written out, so that every equation has a line to point at.
 
-    python 04_ppo.py                 1,000,000 double steps of the planar robot (pymunk)
+    python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
@@ -12,8 +12,9 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
 
 The share of successes should rise, the share of falls sink. The stage writes policy.pt and
-learning_curve.csv and .png to runs/<sim>/, and checkpoint.pt to resume from. The goal is measured
-with noise (--no-noise: exactly).
+learning_curve.csv and .png to runs/<sim>/, and checkpoint.pt to resume from. Beside the last policy
+it keeps the first one (policy.start.pt) and that after a tenth of the way (policy.tenth.pt). The
+goal is measured with noise (--no-noise: exactly).
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; its average shall be large.
@@ -54,6 +55,7 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback
 import argparse
 import contextlib
 import math
+import shutil
 import time
 import warnings
 from dataclasses import asdict, dataclass, replace
@@ -73,7 +75,7 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 torch.set_num_threads(1)  # matrices this small are slower on several threads
 Distribution.set_default_validate_args(False)  # quicker
-STEPS, QUICK_STEPS = 1_000_000, 60_000  # double steps; the first is the paper's
+STEPS, QUICK_STEPS = 500_000, 60_000  # double steps; the paper: 1,000,000
 
 @dataclass(frozen=True)
 class PPOConfig:
@@ -91,13 +93,12 @@ class PPOConfig:
     max_grad_norm: float = 0.5  # longer gradients are scaled down to this length [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer [P]
     first_concentration: float = 10.0  # c = α+β of the first policy, > 2; large: little noise [own]
-    sharpest: float = 4.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
+    sharpest: float = 6.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
     checkpoint_every: int = 10  # updates; then all episodes begin anew, see `train` [own]
-    unsettled: int = 3  # updates after it that are not logged: only short episodes have ended [own]
 
 # Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
 GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1,
-                       checkpoint_every=10**9, unsettled=0)
+                       checkpoint_every=10**9)
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
@@ -118,7 +119,7 @@ class ActorCritic(nn.Module):
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
     hump, as α, β > 1 (not the angles of stage 3). Training uses sampled actions, evaluation uses
     the mean. A narrow distribution makes the two similar. So it is made narrower during training:
-    its density is raised to a power k, the sharpness, which grows from 1 to 4.
+    its density is raised to a power k, the sharpness, which grows from 1 to 6.
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode.
     """
     sharpness = 1.0  # k; set by `train` and `load_policy`
@@ -287,17 +288,17 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
         optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
         rows = load_checkpoint(out, about, model, optimizer) if resume else []
         if not resume:
-            keep_previous(out / "checkpoint.pt")
+            (out / "checkpoint.pt").unlink(missing_ok=True)
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
+        early = {0: "start", max(1, updates // 10): "tenth"}  # policies worth keeping, by update
         bar = tqdm(range(first, updates), total=updates, initial=first, unit=" steps",
                    unit_scale=samples)
         for update in bar:
             # At every tenth update all episodes begin anew, with seeds made of the update's number.
             # So the networks and Adam's state are all that a checkpoint has to hold, and a resumed
             # training does bit for bit the same as an uninterrupted one.
-            age = update % cfg.checkpoint_every
-            if age == 0:
+            if update % cfg.checkpoint_every == 0:
                 if update > first:
                     save_checkpoint(out, about, rows, model, optimizer)
                 new_seed = random_seed(seed, 1 + update)
@@ -308,11 +309,11 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
             rate = cfg.learning_rate * (1.0 - p)
             optimizer.param_groups[0]["lr"] = rate
             model.sharpness = 1.0 + (cfg.sharpest - 1.0) * p
+            if update in early:
+                save_policy(out / f"policy.{early[update]}.pt", model, about)
             data, obs, infos = collect(model, envs, obs, cfg.rollout)
             numbers = improve(model, optimizer, data, cfg)
-            # All episodes begin together at a reset, so for the first updates after it only short
-            # ones have ended: not logged.
-            means = episode_means(infos if age >= cfg.unsettled else [])
+            means = episode_means(infos)
             minutes = (time.monotonic() - started) / 60
             rows.append({"steps": (update + 1) * samples, "minutes": minutes,
                          **numbers, **means, "learning_rate": rate})
@@ -322,6 +323,8 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
                 raise FloatingPointError(f"after {rows[-1]['steps']} steps: the loss is not finite")
     model.sharpness = cfg.sharpest
     if first < updates:
+        if (out / "policy.pt").exists():  # an older policy is kept
+            shutil.copyfile(out / "policy.pt", out / "policy.previous.pt")
         # If the training is killed between these two lines, --resume writes the policy again.
         save_policy(out / "policy.pt", model, {**about, "minutes": minutes})
         save_checkpoint(out, about, rows, model, optimizer)
@@ -372,23 +375,17 @@ def difference(stored, wanted):
             return f"{key} is {there} in the file, but {here} here"
     return ""
 
-def keep_previous(path):
-    """An older file becomes <name>.previous.pt."""
-    if path.exists():
-        path.replace(path.with_suffix(".previous.pt"))
-
 def save_policy(path, model, meta):
-    """Writes the model and `meta` (plain values); an older file is kept."""
-    keep_previous(path)
-    stored = {**meta, **model.shape, "state_dict": model.state_dict()}
+    """Writes the model and `meta` (plain values)."""
+    stored = {**meta, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
     robot_model.atomic_write(path, partial(torch.save, stored))
 
 def load_policy(path):
     """(model, meta); meta["fits"] says what the policy was trained for."""
-    meta = load_plain(path, "obs_dim", "act_dim", "hidden", "state_dict", "config", "fits")
+    meta = load_plain(path, "obs_dim", "act_dim", "hidden", "sharpness", "state_dict", "fits")
     model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"])
     model.load_state_dict(meta.pop("state_dict"))
-    model.sharpness = meta["config"]["sharpest"]  # k at the end of the training
+    model.sharpness = meta["sharpness"]
     return model, meta
 
 def save_checkpoint(out, about, rows, model, optimizer):
@@ -440,8 +437,9 @@ def plot_learning_curve(rows, path, title):
 def gym_envs(env_id, num_envs):
     """A registered Gymnasium environment for `train`: flat observations, actions in [0, 1]."""
     def rescaled(one):
-        if not isinstance(one.action_space, gym.spaces.Box):
-            raise gym.error.Error(f"{env_id}: this PPO needs actions in a Box, with bounds")
+        box = one.action_space
+        if not isinstance(box, gym.spaces.Box) or not box.is_bounded() or len(box.shape) != 1:
+            raise gym.error.Error(f"{env_id}: this PPO needs actions in a Box [n], with bounds")
         return gym.wrappers.RescaleAction(one, *np.float32([0, 1]))
 
     return gym.make_vec(env_id, num_envs, "sync", {"autoreset_mode": "SameStep"},
@@ -470,7 +468,8 @@ def main(argv=None):
     else:
         cfg = PPOConfig()
         fits = env.fingerprint(args.sim, args.imu)
-        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu)
+        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu,
+                            staggered=True)
     if args.gamma is not None:
         cfg = replace(cfg, gamma=args.gamma)
     variants = ["imu"] * args.imu + ["quick"] * args.quick

@@ -8,6 +8,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --gif            also animation.gif: the policy races the baseline
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
+    python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --play           click a goal and watch
 
@@ -18,12 +19,13 @@ evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`; lines of trials.
 falls about twice as often. Does this one?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view, robots,
-measured)`, which returns actions [n, 6] in [0, 1] for the goals [n, 3] as n robots measured them:
-x, y [m], yaw [rad]. It may use nothing else except the `View` of stage 3; `tests/studies/search.py`
-is a worked example. All planners meet the same goals, ground and bodies, and at their k-th decision
-the same noise, so a difference between two rows is due to the planners. The intervals show how far
-the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
-`baseline_tuned` has settings optimised for this world.
+measured)`, which returns actions [n, 6] in [0, 1] for the goals [n, 3] as n robots know them: x, y
+[m], yaw [rad], with noise estimated from all measurements so far (stage 3). It may use nothing else
+except the `View` of stage 3; `tests/studies/search.py` is a worked example. All planners meet the
+same goals, ground, bodies and pushes, and at their k-th decision the same noise, so a difference
+between two rows is due to the planners. The intervals show how far the rate in 500 trials may be
+from that in infinitely many. `baseline` is as in the paper, `baseline_tuned` has settings optimised
+for this world.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -70,14 +72,15 @@ class BaselineSettings:
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
     far_m: float = 1.0  # [m] farther away it faces the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
+    share: bool = False  # do both feet share sideways ways and turns? Ours
 
-TUNED = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-22
+TUNED = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
     "pymunk": BaselineSettings(
-        forward=0.5851, backward=0.1976, sideways=0.2873, turning=1.2801, gain=0.596,
-        turning_gain=0.6715, far_m=0.6424, time_constant=0.3331),
+        forward=0.55, backward=0.35, sideways=0.28, turning=1.2, gain=0.8,
+        turning_gain=0.7, far_m=0.8, time_constant=0.25, share=True),
     "mujoco": BaselineSettings(
-        forward=0.3223, backward=0.3016, sideways=0.2079, turning=1.0123, gain=0.8221,
-        turning_gain=0.6204, far_m=0.8337, time_constant=0.2928),
+        forward=0.48, backward=0.35, sideways=0.23, turning=1.13, gain=0.9,
+        turning_gain=0.66, far_m=0.84, time_constant=0.23, share=True),
 }
 
 def velocity_command(goal, settings):
@@ -100,17 +103,22 @@ def low_pass(velocity, command, seconds, time_constant):
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
 
-def velocity_to_footsteps(velocity, period):
-    """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot."""
-    v_x, v_y, omega = velocity.T
-    half = period / 2  # [s] a single step
+def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
+    """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot.
+
+    lead: share of a sideways way and of a turn that the leading foot takes, outward.
+    """
     # x: each foot lands v_x·(period/2) ahead of the other one
-    # y: the leading foot takes the way of the whole period, left to the left, right to the right;
-    #    the other one follows with y = 0
-    # yaw: ω·(period/2) counter-clockwise, which is outward for the left foot only
-    left = np.stack([v_x * half, np.maximum(v_y, 0) * period, omega * half], -1)  # [n, 3]
-    right = np.stack([v_x * half, np.maximum(-v_y, 0) * period, -omega * half], -1)
-    return np.stack([left, right], 1)
+    # y: of the way v_y·period the leading foot (left to the left, right to the right) takes its
+    #    share outward; the other one follows inward with the rest
+    # yaw: the turn ω·period likewise
+    forward = velocity[:, 0] * period / 2  # [n] [m]
+    way = velocity[:, 1:] * period  # [n, 2] [m, rad] to the left
+    out = np.multiply(lead, way)  # of the leading foot
+    rest = way - out
+    left = np.where(way > 0, out, rest)
+    right = -np.where(way > 0, rest, out)  # mirrored
+    return np.stack([np.column_stack([forward, left]), np.column_stack([forward, right])], 1)
 
 class BaselinePlanner:
     """The controller of [10]; it decides once per double step instead of 20 times a second."""
@@ -127,7 +135,11 @@ class BaselinePlanner:
         last = np.where(np.isnan(last), command, last)  # the first command is not filtered
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[robots] = velocity
-        return env.to_action(velocity_to_footsteps(velocity, view.period), view.limits)
+        lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
+        if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
+            low, high = np.array([view.limits.low, view.limits.high])[:, 1:]
+            lead = high / (high - low)
+        return env.to_action(velocity_to_footsteps(velocity, view.period, lead), view.limits)
 
 class PolicyPlanner:
     """The trained policy without exploring: `ActorCritic.decide` of stage 4."""
@@ -567,10 +579,11 @@ def run(world, blocks, planners, shown, facts, args, out):
     print(text)
     content = {"sim": args.sim, "policy": facts, "seed": args.seed, "goals": args.goals or "drawn",
                "friction": "drawn" if math.isnan(args.friction) else args.friction,
-               "rows": rows, "ratios": ratios}
+               "push": args.push, "rows": rows, "ratios": ratios}
     write_text(out / "evaluation.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
+    world.push = 0.0  # not in figures
     trials = draw_trials(args.seed, len(FIGURE_GOALS))
     trials.goals = FIGURE_GOALS
     walks = {name: record(planners[name], world, trials)
@@ -596,18 +609,20 @@ def main(argv=None):
                         help="how many goals (500)")
     parser.add_argument("--friction", type=float, default=math.nan,
                         help="μ of the ground, for all; else drawn")
+    parser.add_argument("--push", type=float, default=0.0, metavar="DV",
+                        help="pushes by DV m/s, every 3 s on average")
     parser.add_argument("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     parser.add_argument("--planner", type=Path, nargs="+", default=[], help="files of your own")
     parser.add_argument("--gif", action="store_true", help="also draw animation.gif, a race")
     parser.add_argument("--play", action="store_true", help="click a goal, watch the robot walk")
     args, task = parser.parse(argv), env.Task()
-    if not 1 <= args.episodes <= MOST or args.friction < 0:
-        parser.error(f"--episodes from 1 to {MOST}, --friction from 0 on")
+    if not 1 <= args.episodes <= MOST or args.friction < 0 or not 0 <= args.push < 1e3:
+        parser.error(f"--episodes from 1 to {MOST}, --friction and --push from 0 on")
     blocks = {task.goal_std_m: draw_trials(args.seed, args.episodes, False, args.friction)}
     if args.far:
         blocks[task.far_std_m] = draw_trials(args.seed, args.episodes, True, args.friction)
     try:
-        if args.goals:
+        if args.goals is not None:
             blocks = {None: read_trials(args.goals, args.seed, args.friction)}
         planners, facts = choose_planners(args.sim, args.policy, args.planner)
         shown = "policy"
@@ -616,6 +631,7 @@ def main(argv=None):
         out = parser.folder(args)
         count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
+        world.push = args.push
         if args.play:
             play(world, planners[shown], args.friction)
         else:
