@@ -154,7 +154,7 @@ class Trajectory:
     trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
     support: np.ndarray  # [N, T, 2] [s] gain of the reflex: left, right ankle; 0 where it swings
     gyro: np.ndarray  # [N, T, 2] [rad/s] error of the gyro about x and y, see `reflex`
-    push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane ahead, 0
+    push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane only ahead
 
 @dataclass
 class Motion:
@@ -714,12 +714,12 @@ class PymunkSim:
             # target's rate. So a joint arrives at the end of the tick where the target is then.
             error = now[:, 0] - self._angles(seen[:, t])
             speeds = np.clip(now[:, 1] + self.gain[robots] * error, -limit, limit)
-            pushes = trajectory.push[:, t].tolist()
+            pushes = trajectory.push[:, t, 0].tolist()
             for i, row, push in zip(robots.tolist(), speeds.tolist(), pushes):
                 for motor, speed in zip(self.motors[i], row):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
-                    self.motors[i][0].a.force = push  # on the torso, in this step only
+                    self.motors[i][0].a.force = push, 0  # on the torso, in this step only
                     self.spaces[i].step(dt)
             seen[:, t + 1] = self._read(robots)
             lost = ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))  # diverged; nan < 1e4 is False, too

@@ -285,6 +285,7 @@ class FootstepWorld:
         self.push = 0.0  # [m/s] Δv of the pushes
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
+        self.push_chance = self.engine.period / task.push_every  # of a push in a double step
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.close = self.sim.close  # its threads or processes
         self.most_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
@@ -326,6 +327,7 @@ class FootstepWorld:
         self.friction[robots] = body.friction
         self.gyro_offset[robots] = [
             self.dice[i]["gyro"].uniform(-self.spread.gyro, self.spread.gyro, 2) for i in robots]
+        self.estimate[robots] = 0
         self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
         self.goal[robots] = goals
         self.pose[robots] = 0
@@ -363,20 +365,18 @@ class FootstepWorld:
 
     def _disturb(self, trajectory, robots):
         """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
-        ticks = trajectory.push.shape[1]
-        force = self.engine.robot.torso.mass * self.push / (
-            PUSH_TICKS * self.engine.robot.control_dt)  # F = m·Δv / t [N]
+        ticks, robot = trajectory.push.shape[1], self.engine.robot
+        # force = mass·Δv / duration [N]
+        force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
         for row, i in enumerate(robots):
             noise = self.dice[i]["gyro"].normal(size=(ticks, 2))
             trajectory.gyro[row] = self.gyro_offset[i] + self.task.imu_rad_s * noise
-            chance, begin, way = self.dice[i]["push"].random(3)
-            if chance < self.engine.period / self.task.push_every:
+            chance, begin, way = self.dice[i]["push"].random(3)  # used or not
+            if chance < self.push_chance:
                 first = int(begin * (ticks - PUSH_TICKS + 1))
-                way = 2 * np.pi * way
-                ahead, left = np.cos(way), np.sin(way)
-                if self.engine.planar:
-                    ahead, left = np.sign(ahead), 0
-                trajectory.push[row, first : first + PUSH_TICKS] = force * ahead, force * left
+                angle = np.pi * (round(way) if self.engine.planar else 2 * way)
+                trajectory.push[row, first : first + PUSH_TICKS] = (
+                    force * np.cos(angle), force * np.sin(angle))
 
     def observe(self, robots, measured, imu=False):
         """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""

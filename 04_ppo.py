@@ -98,7 +98,7 @@ class PPOConfig:
 
 # Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
 GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1,
-                       checkpoint_every=10**9)
+                       sharpest=4.0, checkpoint_every=10**9)
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
@@ -289,6 +289,8 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
         rows = load_checkpoint(out, about, model, optimizer) if resume else []
         if not resume:
             (out / "checkpoint.pt").unlink(missing_ok=True)
+            if (out / "policy.pt").exists():  # an older policy is kept
+                shutil.copyfile(out / "policy.pt", out / "policy.previous.pt")
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
         early = {0: "start", max(1, updates // 10): "tenth"}  # policies worth keeping, by update
@@ -323,8 +325,6 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
                 raise FloatingPointError(f"after {rows[-1]['steps']} steps: the loss is not finite")
     model.sharpness = cfg.sharpest
     if first < updates:
-        if (out / "policy.pt").exists():  # an older policy is kept
-            shutil.copyfile(out / "policy.pt", out / "policy.previous.pt")
         # If the training is killed between these two lines, --resume writes the policy again.
         save_policy(out / "policy.pt", model, {**about, "minutes": minutes})
         save_checkpoint(out, about, rows, model, optimizer)

@@ -38,7 +38,7 @@ import math
 import runpy
 import sys
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -258,13 +258,17 @@ def wilson(count, total, z=1.96):
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
     return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
+def common_times(trials, reference):
+    """Times [s] of two planners, one per goal that both reached."""
+    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
+    return trials["time"][both], reference["time"][both]
+
 def time_ratio(trials, reference, resamples=2000):
     """Mean time / mean time of another planner over the goals that both reached, the 95 % interval
     of this ratio, and the number of these goals; None, None, 0 without such a goal.
     """
-    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
-    ours, theirs = trials["time"][both], reference["time"][both]  # [s], one per goal
-    if not both.any():
+    ours, theirs = common_times(trials, reference)
+    if not len(ours):
         return None, None, 0
     # Paired bootstrap (resampling, not stage 4's bootstrapping): draw as many goals again, with
     # replacement. In pairs, because both planners need long for a far goal: this cancels in the
@@ -348,16 +352,16 @@ def open_window():
 
 def play(world, planner, friction):
     """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
-
-    After a fall the robot stands up again at the origin.
+    Space pushes the robot, r switches its reflex. After a fall it stands up again at the origin.
     """
     figure, axes = open_window()
-    robots = np.array([0])
+    robots, engine, keys = np.array([0]), world.engine, []
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
 
     def press(event):
         if event.inaxes:
             goal[:] = event.xdata, event.ydata, world.pose[0, 2]
+            world.variance[:] = 1e12  # what was known of the old goal does not help
 
     def release(event):
         if event.inaxes:
@@ -367,19 +371,25 @@ def play(world, planner, friction):
 
     figure.canvas.mpl_connect("button_press_event", press)
     figure.canvas.mpl_connect("button_release_event", release)
-    fell = True
+    figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
+    gain, fell = engine.parameters.reflex, True
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=world.goal, friction=friction)
             planner.reset(1)
+        world.push_chance = " " in keys  # in this double step
+        if "r" in keys:
+            engine.parameters = replace(engine.parameters, reflex=gain - engine.parameters.reflex)
+        keys.clear()
         result = double_step(planner, world, robots)
         motion, fell = result["motion"], result["fall"][0]
-        feet = foot_poses(world.engine.robot, motion.torso[:, -1], motion.joints[:, -1])
+        feet = foot_poses(engine.robot, motion.torso[:, -1], motion.joints[:, -1])
         walk = {"goal": goal, "torso": motion.torso[0], "feet": feet}
         for ticks in range(10, len(motion.torso[0]) + 1, 10):
             axes.clear()
             draw_walk(axes, walk, ticks)
-            axes.set(xlim=(-2, 2), ylim=(-2, 2), title="press at a goal, drag, let go")
+            axes.set(xlim=(-2, 2), ylim=(-2, 2), title="press at a goal, drag, let go; space: a "
+                     f"push; r: reflex {'on' if engine.parameters.reflex else 'off'}")
             plt.pause(0.05)  # [s]; drawing takes about as long
 
 # ------------------------------------------------------------------------ tables
@@ -391,9 +401,12 @@ def compare(results):
         if one[1:] == other[1:]:
             ratio, interval, goals = time_ratio(results[one], results[other])
             if goals:
+                ours, theirs = common_times(results[one], results[other])
                 ratios.append(dict(zip(("planner", "noise", "goal_std_m"), one)) | {
                     "reference": other[0], "goals": goals, "time_ratio": round(ratio, 4),
-                    "time_ratio_ci95": np.round(interval, 4).tolist()})
+                    "time_ratio_ci95": np.round(interval, 4).tolist(),
+                    "median": rounded(np.median, ours / theirs),  # of the ratios, goal by goal
+                    "slower": rounded(np.mean, ours > theirs)})  # share of the goals
     return ratios
 
 def rounded(number, values, digits=4):
@@ -433,8 +446,8 @@ def table(rows, ratios, paper=PAPER):
             "| noise | planner | source | success | timeout | fall | time [s] |\n"
             "| --- | --- | --- | --- | --- | --- | --- |\n")
     quotients = ("\nMean success time ÷ that of another planner, over goals both reached:\n\n"
-                 "| goals σ | noise | planner | ÷ | ratio | common goals |\n"
-                 "| --- | --- | --- | --- | --- | --- |\n")
+                 "| goals σ | noise | planner | ÷ | ratio | median | slower | common goals |\n"
+                 "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
     for row in rows:
         which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
         low, high = row["success_ci95"]
@@ -455,7 +468,8 @@ def table(rows, ratios, paper=PAPER):
             low, high = row["time_ratio_ci95"]
             quotients += (f"| {goals_of(row)} | {'yes' if row['noise'] else 'no'} "
                           f"| {row['planner']} | {row['reference']} "
-                          f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] | {row['goals']} |\n")
+                          f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
+                          f"| {row['median']:.3f} | {row['slower']:.3f} | {row['goals']} |\n")
     # A table without rows ends with its rule and is left out.
     return "".join(text for text in (ours, once, quotients) if not text.endswith("--- |\n"))
 
@@ -633,6 +647,7 @@ def main(argv=None):
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
         world.push = args.push
         if args.play:
+            world.push = args.push or 0.4  # [m/s] of the space bar
             play(world, planners[shown], args.friction)
         else:
             run(world, blocks, planners, shown, facts, args, out)

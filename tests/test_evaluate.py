@@ -16,7 +16,7 @@ import PIL.Image
 import PIL.ImageSequence
 import pytest
 import torch
-from matplotlib.backend_bases import MouseEvent
+from matplotlib.backend_bases import KeyEvent, MouseEvent
 
 evaluate = import_module("05_evaluate")
 env, ppo, robot_model = evaluate.env, evaluate.ppo, evaluate.robot_model
@@ -24,9 +24,8 @@ LIMITS = env.LIMITS["pymunk"]
 B = evaluate.BaselineSettings()
 OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0, far_m=0.4)
 # By hand and not by the stages, which may be empty exercises when this module is imported:
-HALF_STEP = 0.5 / env.walk_engine.TUNED["pymunk"].frequency  # [s]
 TICK = robot_model.RobotModel().control_dt  # [s]
-PERIOD = 2 * TICK * round(HALF_STEP / TICK)  # [s] a double step, in whole ticks
+PERIOD = 2 * TICK * env.walk_engine.TUNED["pymunk"].half_ticks  # [s] a double step
 VIEW = env.View(PERIOD, LIMITS, None, None, None)
 
 # ------------------------------------------------------------------------ the baseline's equations
@@ -118,6 +117,34 @@ def test_planned_footsteps_move_the_feet_at_that_velocity(velocity):
         np.testing.assert_allclose(moved, velocity, atol=1e-9, err_msg=(
             "forward: half the period's way per single step; sideways: all of it by one foot"))
 
+def test_a_shared_way_is_split_in_proportion_to_the_limits():
+    """Outward 0.15 m and 0.6 rad, inward 0.04 m and 0.4 rad: shares 15/19 and 6/10."""
+    limits = env.StepLimits(low=(-0.1, -0.04, -0.4), high=(0.1, 0.15, 0.6))
+    planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(
+        9, 9, 9, 9, gain=1.0, turning_gain=1.0, far_m=9.0, time_constant=0.0, share=True))
+    planner.reset(2)
+    goals = np.array([[0, 0.19, 0.5], [0, -0.095, -1.0]])  # the way within a second
+    actions = planner.act(env.View(1.0, limits, None, None, None), np.arange(2), goals)
+    steps = env.to_footsteps(actions, limits)
+    np.testing.assert_allclose(steps, [[[0, 0.15, 0.3], [0, -0.04, -0.2]],
+                                       [[0, -0.02, -0.4], [0, 0.075, 0.6]]], atol=1e-12, err_msg=(
+        "the leading foot takes out / (out + in) outward, the other one the rest inward"))
+
+def test_shared_or_not_the_feet_make_the_same_way():
+    velocities = np.random.default_rng(0).normal(size=(50, 3))
+    ways = [steps[:, 0] + steps[:, 1] * (1, -1, -1) for steps in (  # to the left
+        evaluate.velocity_to_footsteps(velocities, 0.5, lead)
+        for lead in ((1, 0.5), (0.7, 0.6), (0, 0)))]
+    for way in ways:
+        np.testing.assert_allclose(way, 0.5 * velocities, atol=1e-12)
+
+def test_the_paper_s_baseline_shares_turns_only():
+    planner = evaluate.BaselinePlanner()
+    planner.reset(1)
+    steps = env.to_footsteps(planner.act(VIEW, np.array([0]), np.array([[0, 0.9, 1.0]])), LIMITS)
+    np.testing.assert_allclose(steps[0], [[0, 0.07 * PERIOD, 0.15 * PERIOD],
+                                          [0, 0, -0.15 * PERIOD]], atol=1e-12)
+
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, robot = evaluate.BaselinePlanner(), np.array([1])
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
@@ -168,6 +195,15 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == (None, None, 0), "no goal in common: no ratio"
 
+def test_planners_are_compared_goal_by_goal_too():
+    one, other, key = ("a", True, 0.5), ("b", True, 0.5), ["success"] * 3 + ["fall"]
+    ratios = evaluate.compare({one: trials(key, [3, 8, 12, 1]), other: trials(key, [10, 10, 10, 9]),
+                               ("b", False, 0.5): trials(key, [1, 1, 1, 1])})
+    (a,), (b,) = ([row for row in ratios if row["planner"] == name] for name in "ab")
+    assert (a["reference"], a["goals"]) == ("b", 3), "only rows with the same noise and goals"
+    assert (a["median"], a["slower"]) == (0.8, 0.3333), "of 0.3, 0.8, 1.2; one is slower"
+    assert (b["median"], b["slower"]) == (1.25, 0.6667)
+
 def test_time_ratio_s_interval_covers_the_truth():
     """90 goals with another ratio each: about 95 of 100 such samples must contain the mean."""
     rng, covered = np.random.default_rng(0), []
@@ -199,7 +235,8 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
     """All other cells are compared with the shipped tables in test_results."""
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0), row_of("mine", True, None)]
     ratio = {"planner": "policy", "reference": "mine", "noise": False, "goal_std_m": None,
-             "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6]}
+             "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6], "median": 0.45,
+             "slower": 0.125}
     ours, _, once, _, ratios = evaluate.table(rows, [ratio]).split("\n\n")
     assert "paper" not in ours, "its success means something else: not in the same column"
     assert "| own | yes | mine | 0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00 ± 1.00 |" in ours
@@ -207,7 +244,7 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
         "| yes | policy | ours | 0.750 | 0.000 | 0.250 | 6.00 ± 1.63 |",
         "| yes | policy | paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 |"], (
             "of other planners, and of goals twice as far, Table II says nothing")
-    assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 7 |" in ratios
+    assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
 
 # ------------------------------------------------------------------------ trials
@@ -259,6 +296,22 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     dice = env.stream("evaluation", 3, 0).spawn(len(env.PURPOSES))[env.PURPOSES.index("noise")]
     np.testing.assert_allclose(noise[0], dice.normal(size=3) * 0.05, err_msg=(
         "the goal is measured more than once for a decision"))
+
+def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
+    class Watching(Recorder):
+        def act(self, view, robots, measured):
+            known = world.estimate[robots] if world.noise else world.relative_goal(robots)
+            np.testing.assert_array_equal(measured, known)
+            np.testing.assert_allclose(view.observation[:, :8], env.encode_goal(known), atol=1e-6)
+            off.append(np.abs(measured - world.relative_goal(robots)).mean(0))
+            return super().act(view, robots, measured)
+
+    off = []
+    for noise in (True, False):
+        evaluate.evaluate(Watching(), world, evaluate.draw_trials(0, 16), noise)
+    first, _, third = off[:3]
+    assert third[:2].sum() < 0.7 * first[:2].sum(), "after three measurements it knows more"
+    np.testing.assert_allclose(off[3:], 0, atol=1e-12)
 
 def test_far_trials_are_near_ones_with_the_goal_twice_as_far(world):
     near, far = (evaluate.draw_trials(3, 6, far) for far in (False, True))
@@ -356,7 +409,7 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
 def test_the_recorded_walk_is_the_measured_one(world):
     walk, = evaluate.record(Recorder(), world, to([[1.0, 0.0, 0.0]]))
     steps = len(walk["feet"])
-    ticks = steps * 2 * world.engine.half_ticks
+    ticks = steps * 2 * world.engine.parameters.half_ticks
     assert walk["torso"].shape == (ticks, 6) and walk["joints"].shape == (ticks, 12)
     np.testing.assert_array_equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg=(
         "the picture must show the simulator's pose, not the commanded one"))
@@ -396,7 +449,7 @@ def save_untrained(path, sim="pymunk", imu=False, steps=10):
     model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=neutral)
     path.parent.mkdir(parents=True, exist_ok=True)
     ppo.save_policy(path, model, {"fits": env.fingerprint(sim, imu), "imu": imu, "steps": steps,
-                                  "minutes": 0.1, "seed": 0, "config": {"sharpest": 1.0}})
+                                  "minutes": 0.1, "seed": 0})
     return path
 
 PLANNER = """
@@ -588,6 +641,18 @@ def test_far_goals_and_the_ground_of_the_command_line_are_told(short_trials):
     assert len(lines) == 2 * len(content["rows"])
     assert {(line.split(",")[3], line.split(",")[8]) for line in lines} == {("6", "0.4")}
 
+def test_pushes_reach_the_trials_but_no_figure(short_trials, monkeypatch):
+    pushes, evaluated = [], evaluate.evaluate
+
+    def watched(planner, world, *rest, **more):
+        pushes.append(world.push)
+        return evaluated(planner, world, *rest, **more)
+
+    monkeypatch.setattr(evaluate, "evaluate", watched)
+    assert call("--episodes", 2, "--push", 0.4)["push"] == 0.4
+    assert pushes == [0.4] * 3 + [0.0] * 3, "three rows of the table, then three walks of a figure"
+    assert call("--episodes", 2)["push"] == 0.0 and pushes[6:] == [0.0] * 6
+
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials):
     call("--gif", "--episodes", 1)
@@ -623,6 +688,7 @@ def test_the_robot_walks_where_the_mouse_says_until_the_window_closes(short_tria
         assert world.friction[0] == 0.65, "--friction is there while playing, too"
         yield
         mouse("press", 0.4, 0.2)
+        assert (world.variance == 1e12).all(), "what was estimated of the old goal is forgotten"
         mouse("release", 0.4, 0.5)
         goal_is(0.4, 0.2, math.pi / 2, "pressed: the place; dragged along +y: the toes point there")
         yield
@@ -658,9 +724,30 @@ def test_the_robot_walks_where_the_mouse_says_until_the_window_closes(short_tria
     monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: next(left))
     monkeypatch.setattr(evaluate, "load_planner", lambda path: planner)
     monkeypatch.setattr(env, "FootstepWorld", lambda *given: worlds.append(given) or world)
-    evaluate.main(["--play", "--friction", "0.65", "--planner", "mine.py"])
+    evaluate.main(["--play", "--friction", "0.65", "--push", "1e-9", "--planner", "mine.py"])
+    assert world.push == 1e-9, "--push is there while playing, too"
     assert worlds == [(1, "pymunk", False)], "of one robot"
     assert not evaluate.plt.fignum_exists(figure.number), "the story did not come to its end"
+
+def test_keys_push_the_robot_and_switch_its_reflex(monkeypatch):
+    class Player(evaluate.BaselinePlanner):
+        def act(self, view, robots, measured):
+            seen.append((bool(world.push_chance), world.engine.parameters.reflex))
+            for letter in next(pressed):
+                figure.canvas.callbacks.process(
+                    "key_press_event", KeyEvent("key_press_event", figure.canvas, letter))
+            if len(seen) == 4:
+                evaluate.plt.close(figure)
+            return super().act(view, robots, measured)
+
+    world, (figure, axes) = env.FootstepWorld(1, cores=1), evaluate.plt.subplots()
+    gain, seen, pressed = world.engine.parameters.reflex, [], iter([" r", "", "r", ""])
+    monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
+    monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: None)
+    evaluate.play(world, Player(), math.nan)
+    world.close()
+    assert seen == [(False, gain), (True, 0), (False, 0), (False, gain)], (
+        "(pushed, reflex): space is one push, r switches the reflex off and on again")
 
 def test_play_without_a_display_is_one_line(short_trials, monkeypatch, capsys):
     def none(backend):

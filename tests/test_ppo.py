@@ -506,20 +506,13 @@ def counting(num_envs):
             return obs, reward, terminated, truncated, infos
     return Counting(num_envs, zero, constant)
 
-@pytest.mark.parametrize("unsettled", [0, 2])
-def test_nothing_is_logged_about_episodes_that_only_just_began(tmp_path, unsettled):
-    cfg = replace(SMALL, num_envs=4, rollout=8, minibatch=32, epochs=1, checkpoint_every=4,
-                  unsettled=unsettled)
+def test_every_update_is_logged_also_after_a_reset(tmp_path):
+    cfg = replace(SMALL, num_envs=4, rollout=8, minibatch=32, epochs=1, checkpoint_every=4)
     _, rows = ppo.train(cfg, counting, tmp_path, 10 * 32)
-    for update, row in enumerate(rows):
-        for name in EPISODES:
-            silent = update % 4 < unsettled
-            assert math.isnan(row[name]) == silent, (
-                f"{name} of update {update}: at updates 0, 4, 8 all episodes begin anew, so in the "
-                f"first {unsettled} from there on only short ones can have ended: log nan")
-        for name in set(COLUMNS) - set(EPISODES) - {"explained_variance"}:
-            assert math.isfinite(row[name]), f"{name} has nothing to do with ended episodes"
-    assert rows[3]["success"] == 1.0 and rows[3]["fall"] == 0.0 and rows[3]["time"] == 0.6
+    for row in rows:  # at updates 0, 4, 8 all episodes begin anew
+        for name in set(COLUMNS) - {"explained_variance"}:
+            assert math.isfinite(row[name]), name
+        assert row["success"] == 1.0 and row["fall"] == 0.0 and row["time"] == 0.6
 
 def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     made = []
@@ -544,8 +537,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     assert made[1][3] == 0.5, "an environment without a neutral action: the middle"
 
 # ------------------------------------------------------------------------ resuming and files
-QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, checkpoint_every=2,
-                      unsettled=1)
+QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, checkpoint_every=2)
 
 def same(model, other):
     a, b = model.state_dict(), other.state_dict()
@@ -565,7 +557,7 @@ def wandering(num_envs):
 def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     make_envs, cfg = wandering, QUICK
     if world != "probe":
-        make_envs = partial(env.FootstepVectorEnv, sim=world, noise=True, cores=1)
+        make_envs = partial(env.FootstepVectorEnv, sim=world, noise=True, cores=1, staggered=True)
         cfg = replace(QUICK, num_envs=2, rollout=4, minibatch=4)
 
     def run(folder, resume=False):
@@ -665,19 +657,55 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
     np.testing.assert_equal(same_rows, rows)
     assert files() == before, "no file is written again"
     run(seed=1)
-    for name in ("checkpoint", "policy"):
-        assert files()[f"{name}.previous.pt"] == before[f"{name}.pt"] != files()[f"{name}.pt"]
+    assert files()["policy.previous.pt"] == before["policy.pt"] != files()["policy.pt"]
+    assert files()["checkpoint.pt"] != before["checkpoint.pt"]
+    assert "checkpoint.previous.pt" not in files(), "nobody resumes from it"
+
+def test_the_first_policy_and_that_after_a_tenth_are_kept(tmp_path):
+    last, _ = ppo.train(QUICK, wandering, tmp_path, 20 * 64, about={"fits": FITS})
+    (tmp_path / "other").mkdir()
+    begin, _ = ppo.train(replace(QUICK, learning_rate=0.0), wandering, tmp_path / "other", 64)
+    start, tenth, end = (ppo.load_policy(tmp_path / f"policy{name}.pt")
+                         for name in (".start", ".tenth", ""))
+    k = 1 + (QUICK.sharpest - 1) / 10
+    for (model, meta), sharpness in ((start, 1.0), (tenth, k), (end, QUICK.sharpest)):
+        assert model.sharpness == pytest.approx(sharpness), "k of that moment decides the mean"
+        assert meta["fits"] == FITS, "stage 5 must be able to judge it"
+    assert same(start[0], begin), "before anything is learned"
+    assert not same(start[0], tenth[0]) and not same(tenth[0], end[0])
+    assert same(end[0], last)
+
+def test_a_new_training_that_is_killed_leaves_the_old_policy_and_no_checkpoint(
+        tmp_path, monkeypatch):
+    def run(seed, resume=False):
+        return ppo.train(QUICK, wandering, tmp_path, 2 * 64, seed, resume=resume)
+
+    run(0)
+    old, save = (tmp_path / "policy.pt").read_bytes(), ppo.save_policy
+
+    def fails(path, *rest):
+        if path.name == "policy.pt":
+            raise OSError("the disk is full")
+        save(path, *rest)
+
+    monkeypatch.setattr(ppo, "save_policy", fails)
+    with pytest.raises(OSError, match="full"):
+        run(1)
+    for name in ("policy", "policy.previous"):
+        assert (tmp_path / f"{name}.pt").read_bytes() == old, "it is there at every moment"
+    with pytest.raises(ppo.PolicyError, match="no such file"):
+        run(0, resume=True)  # of the old training: that is over
 
 FITS = {"simulator": "pymunk", "limits": [0.1, 0.2]}
-META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0, "config": {"sharpest": 4.0}}
+META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0}
 
 def test_policy_survives_the_disk(tmp_path):
     obs, model = np.random.default_rng(0).normal(size=(7, 5)), ppo.ActorCritic(5, 2, hidden=(8,))
-    model.sharpness = 4.0  # as after a training
+    model.sharpness = 2.5  # as amid a training
     ppo.save_policy(tmp_path / "policy.pt", model, META)
     stored, meta = ppo.load_policy(tmp_path / "policy.pt")
     equal(stored.decide(obs), model.decide(obs), err_msg=(
-        "the mean depends on the sharpness: it is that of the end of the training"))
+        "the mean depends on the sharpness: it is that of the moment of saving"))
     assert meta["steps"] == 10 and meta["hidden"] == (8,) and meta["fits"] == FITS
 
 def test_a_difference_names_both_sides_and_the_simulator_first():
@@ -733,7 +761,7 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
         ppo.save_checkpoint(tmp_path, {}, [{"steps": 1}], model, adam)
 
     def contents():
-        return sorted(file.read_bytes() for file in tmp_path.glob("*.pt"))
+        return {file.name: file.read_bytes() for file in tmp_path.iterdir()}
 
     save()
     save_a_checkpoint()
@@ -742,7 +770,7 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
     for attempt in (save, save_a_checkpoint):
         with pytest.raises(ZeroDivisionError):
             attempt()
-        assert contents() == before, "by its name or previous"
+        assert contents() == before
 
 def test_the_log_has_every_digit_of_the_steps(tmp_path):
     model = ppo.ActorCritic(1, 1)
@@ -767,11 +795,11 @@ def told_to_train(arguments, monkeypatch):
     return told
 
 @pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
-    ([], 1_000_000, "runs/pymunk", "pymunk", True, False),
+    ([], 500_000, "runs/pymunk", "pymunk", True, False),
     (["--quick"], 60_000, "runs/pymunk/quick", "pymunk", True, False),
     (["--quick", "--steps", "70"], 70, "runs/pymunk/quick", "pymunk", True, False),
-    (["--mujoco", "--imu", "--resume"], 1_000_000, "runs/mujoco/imu", "mujoco", True, True),
-    (["--no-noise", "--out", "mine"], 1_000_000, "mine", "pymunk", False, False),
+    (["--mujoco", "--imu", "--resume"], 500_000, "runs/mujoco/imu", "mujoco", True, True),
+    (["--no-noise", "--out", "mine"], 500_000, "mine", "pymunk", False, False),
 ], ids=str)
 def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -783,6 +811,8 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
     assert (told["about"]["noise"], told["about"]["imu"]) == (noise, imu)
     envs = told["make_envs"](1)
     assert (envs.world.noise, envs.imu) == (noise, imu), "the flag must reach the environment"
+    assert envs.staggered, "else the first episodes after a reset end together"
+    assert envs.world.push == 0, "trained without pushes"
     assert envs.world.limits == env.LIMITS[sim]
     envs.close()
 
@@ -796,13 +826,22 @@ def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
     told = told_to_train(["--env", "Pendulum-v1", "--gamma", "0.95"], monkeypatch)
     assert told["cfg"] == replace(ppo.GYM_CONFIG, gamma=0.95)
 
-def test_a_task_without_a_box_of_actions_is_refused_in_one_line(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("space", [
+    gym.spaces.Discrete(2), gym.spaces.Box(-1, 1, (2, 2)), gym.spaces.Box(-np.inf, np.inf, (2,)),
+    gym.spaces.Box(np.float32([0, 0]), np.float32([1, np.inf]))], ids=str)
+def test_a_task_without_a_box_of_actions_is_refused_in_one_line(
+        tmp_path, monkeypatch, capsys, space):
+    class Task(gym.Env):
+        observation_space, action_space = gym.spaces.Box(-1, 1, (3,)), space
+
+    monkeypatch.setitem(gym.registry, "Task-v0", gym.envs.registration.EnvSpec(
+        "Task-v0", entry_point=Task))
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
-        ppo.main(["--env", "CartPole-v1", "--steps", "1"])
+        ppo.main(["--env", "Task-v0", "--steps", "1"])
     message = capsys.readouterr().err
     assert caught.value.code == 2 and len(message.splitlines()) == 1, message
-    assert "actions in a Box, with bounds" in message
+    assert "actions in a Box [n], with bounds" in message
 
 def test_command_line_trains_and_can_be_interrupted(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ppo, "GYM_CONFIG", replace(
@@ -812,8 +851,8 @@ def test_command_line_trains_and_can_be_interrupted(tmp_path, monkeypatch, capsy
     said = capsys.readouterr().out
     assert "policy.pt" in said, "tell what was written"
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
-    assert {"policy.pt", "checkpoint.pt", "learning_curve.csv", "learning_curve.png"} == {
-        path.name for path in tmp_path.iterdir()}
+    assert {"policy.pt", "policy.start.pt", "checkpoint.pt", "learning_curve.csv",
+            "learning_curve.png"} == {path.name for path in tmp_path.iterdir()}
     before = (tmp_path / "policy.pt").read_bytes()
 
     def interrupt(*_):

@@ -57,68 +57,38 @@ def interval(middle, low, high):
     """0.96 [0.88, 1.04]."""
     return f"{middle:.2f} [{low:.2f}, {high:.2f}]"
 
-def rivals(std, planner="policy", other="baseline_tuned"):
-    """Of all goals that both reached in 3-D, with noise: distances [n] [m], times [n] [s]."""
-    one, two = (shipped_trials("mujoco")[name, True, std] for name in (planner, other))
-    both = (one["outcome"] == "success") & (two["outcome"] == "success")
-    return np.hypot(one["x"], one["y"])[both], one["time"][both], two["time"][both]
-
 def said_of_the_rivals():
-    """The policy against the tuned baseline, walk by walk."""
-    for std, words in (
-            (0.5, "in {} of the walks and slower in {}; the median of the ratio of their times "
-                  "is {:.2f}"),
-            (1.0, "in {} of the walks. It is slower in {}; the median of the ratio is {:.2f}")):
-        _, ours, theirs = rivals(std)
-        assert ours.max() < 20 < theirs.max(), "README: the policy does not get stuck"  # [s]
-        yield words.format(share(ours < theirs), share(ours > theirs), np.median(ours / theirs))
-    distance, *times = np.hstack([rivals(0.5), rivals(1.0)])
-    ended = [{"time": time[distance > 2], "outcome": np.full(np.sum(distance > 2), "success")}
-             for time in times]
-    ratio, low_high, goals = evaluate.time_ratio(*ended)
-    yield f"{interval(ratio, *low_high)} for the {goals} goals beyond 2 m"
+    """The policy against planners that do not learn, in 3-D, with noise."""
+    ratios = shipped("mujoco", "evaluation.json")["ratios"]
+    for other in ("baseline_tuned", "expert"):
+        words = []
+        for std in (0.5, 1.0):
+            row, = common.pick(ratios, planner="policy", reference=other, noise=True,
+                               goal_std_m=std)
+            ratio = interval(row["time_ratio"], *row["time_ratio_ci95"])
+            words.append(f"{ratio} (median {row['median']:.2f}, slower in {share(row['slower'])})")
+        yield "{} of the time of `{}` for near and {} for far goals".format(
+            words[0], other, words[1])
 
 def said_of_the_studies():
-    """Trainings, falls and opponents in 3-D, with noise."""
-    seeds, kicks, tuned, search, walk = (
-        shipped("mujoco", f"studies/{name}.json")
-        for name in ("seeds", "kicks", "baseline", "search", "walk"))
-    far = {"noise": True, "goal_std_m": 1.0}
-    means = []
-    for std in (0.5, 1.0):
-        ratios = values(seeds["seeds"]["rows"], "over_baseline_tuned", planner="policy",
-                        noise=True, goal_std_m=std)
-        assert len(ratios) == 3 and max(ratios) < 1, "lower in all three trainings"
-        margin = 4.303 * np.std(ratios, ddof=1) / 3**0.5  # t·s / √n, with two degrees of freedom
-        means.append(interval(*(np.mean(ratios) + margin * np.array([0, -1, 1]))))
-    yield "{} of that of `baseline_tuned` for near and {} for far goals".format(*means)
-    walks = f"{seeds['pooled']['goals']:,}"
-    yield "In {} other far walks it fell {} times, `baseline_tuned` {} times".format(walks, *(
-        values(seeds["pooled"]["rows"], "falls", planner=planner, **far)[0]
-        for planner in ("policy", "baseline_tuned")))
-    felt, blind = (values(seeds["imu"]["rows"], "falls", planner=planner, **far)
-                   for planner in ("policy_imu", "policy"))
-    assert max(felt) >= min(blind), "the ranges overlap"
-    yield (f"Of {walks} far walks each, three policies with an IMU fell in {min(felt)} to "
-           f"{max(felt)}, three without in {min(blind)} to {max(blind)}")
-    blind, felt = (row for row in kicks["pushes"]["rows"] if row["speed"] == 0.4)
-    assert blind["fall_ci95"][1] > felt["fall_ci95"][0], "no difference under pushes"
-    yield "policies fall in {} [{}, {}] of the far walks, with an IMU in {} [{}, {}]".format(
-        *(share(part, 1) for row in (blind, felt) for part in (row["fall"], *row["fall_ci95"])))
-    yield "fall in {} of the far walks at μ = 0.4 and in {} at μ = 1".format(*(
-        share(values(seeds["seeds"]["ground"], "fall", friction=friction, goal_std_m=1.0), 1)
-        for friction in (0.4, 1.0)))
+    """Falls, pushes, steps and opponents in 3-D, with noise."""
+    seeds, kicks, tuned, walk = (
+        shipped("mujoco", f"studies/{name}.json") for name in ("seeds", "kicks", "baseline", "walk"))
+    pooled = seeds["pooled"]
+    falls = [values(pooled["rows"], "falls", planner=planner, goal_std_m=std)[0]
+             for planner in ("policy", "baseline_tuned", "expert") for std in (0.5, 1.0)]
+    yield ("In {:,} near and as many far walks the policy fell {} and {} times, `baseline_tuned` "
+           "{} and {} times, `expert` {} and {} times").format(pooled["goals"], *falls)
+    pushed = {reflex: values(kicks["pushes"]["rows"], "fall", speed=0.4, planner="policy",
+                             reflex=reflex)[0] for reflex in (True, False)}
+    yield (f"pushed by 0.4 m/s every 3 s the policy falls in {share(pushed[True], 1)} of the far "
+           f"walks with the reflex and in {share(pushed[False], 1)} without")
+    quiet = values(kicks["pushes"]["rows"], "fall", speed=0.0, planner="policy", reflex=False)[0]
+    yield f"Without pushes and without the reflex it falls in {share(quiet, 1)}"
+    yield f"{share(walk['limits']['stood'], 1)} of 1,000 random plans within the limits stand"
     median, lowest = (1000 * height for height in walk["limits"]["clearance"])  # [mm]
-    yield f"by {median:.1f} mm in the median. The 5th percentile is −{-lowest:.1f} mm"
-    yield "drags in more than 5 % of the steps" if lowest < 0 else "does not drag"
-    _, quick, slow = rivals(0.5, "baseline_tuned", "baseline")
-    yield f"to near goals down to {share(quick.mean() / slow.mean())} of"
-    bold, = values(search["tried"], "fall", factor=1.0, change=1.0)
-    chosen = search["finalists"][0]
-    assert chosen["fall"] == 0
-    yield (f"fell in {share(bold, 1)} of 200 walks with steps of full size, and in none of "
-           f"{search['trials']:,} with steps of {share(chosen['factor'])}")
-    yield f"with changes of at most {share(chosen['change'])} of the limits"
+    yield f"by {median:.1f} mm in the median. The 5th percentile is {lowest:.1f} mm".replace(
+        "-", "−")
     time, = values(tuned["finalists"], "time", settings=vars(evaluate.TUNED["mujoco"]))
     yield (f"needs {time:.1f} s for near and far goals together, the paper's settings "
            f"{tuned['paper']['time']:.1f} s")

@@ -48,7 +48,9 @@ def still(name, num_robots, seconds):
     """A Trajectory of robots that stand still."""
     ticks = round(seconds / ROBOT.control_dt)
     joints = np.tile(stance(name)[1], (num_robots, ticks + 1, 1))
-    return robot_model.Trajectory(joints, np.zeros((num_robots, ticks + 1, 6)))
+    support, gyro, push = np.zeros((3, num_robots, ticks, 2))
+    trunk = np.zeros((num_robots, ticks + 1, 6))
+    return robot_model.Trajectory(joints, trunk, support, gyro, push)
 
 def leaning(name, angles, seconds):
     """A Trajectory that leans forward by these angles [N], minimum jerk, then stands for 2 s."""
@@ -67,8 +69,11 @@ def pivots_of(space):
     return [joint for joint in space.constraints if isinstance(joint, pymunk.PivotJoint)]
 
 def part(trajectory, robots=slice(None), ticks=slice(None)):
-    """Some robots or some samples of a trajectory."""
-    return robot_model.Trajectory(trajectory.joints[robots, ticks], trajectory.trunk[robots, ticks])
+    """Some robots of a trajectory, or the ticks between some samples of its joints."""
+    start, stop, _ = ticks.indices(trajectory.joints.shape[1])
+    return robot_model.Trajectory(**{
+        name: values[robots, start : stop - (name not in ("joints", "trunk"))]
+        for name, values in vars(trajectory).items()})
 
 def single_ticks(trajectory):
     """The same trajectory as a list of short ones, to look at the robot in between."""
@@ -77,10 +82,20 @@ def single_ticks(trajectory):
 
 def walking(name, num_robots, footsteps, count, robot=ROBOT):
     """Trajectories of `count` equal double steps, shorter ones for later robots; and the stance."""
-    engine = walk_engine.WalkEngine(num_robots, walk_engine.TUNED[name], robot, name == "pymunk")
+    p = walk_engine.TUNED[name]
+    p = replace(p, half_ticks=round(p.half_ticks * ROBOT.control_dt / robot.control_dt))
+    engine = walk_engine.WalkEngine(num_robots, p, robot, name == "pymunk")
     footsteps = np.linspace(1, 0.6, num_robots)[:, None, None] * footsteps  # [N, 2, 3]
     everybody = np.arange(num_robots)
     return [engine.plan(footsteps, everybody)[0] for _ in range(count)], engine.stance
+
+def disturbed(plans):
+    """These trajectories with a noisy gyro, and every robot is pushed ahead for 50 ms."""
+    rng = np.random.default_rng(1)
+    for plan in plans:
+        plan.gyro[:] = rng.normal(0, 0.2, plan.gyro.shape)
+        plan.push[:, 10:15, 0] = 30
+    return plans
 
 SPREAD = {"friction": 0.3, "mass": 0.1, "stiffness": 0.2, "stiction": 1.5}
 
@@ -126,6 +141,12 @@ def mujoco_at(torso, joints):
     data.qpos[:3], data.qpos[3:7], data.qpos[7:] = torso[:3], quaternion(*torso[3:]), joints
     mujoco.mj_forward(model, data)
     return model, data
+
+def velocity(model, data):
+    """Of the robot's centre of mass in MuJoCo, [3] [m/s]."""
+    mujoco.mj_forward(model, data)
+    mujoco.mj_subtreeVel(model, data)
+    return data.subtree_linvel[0].copy()
 
 # ---------------------------------------------------------------- poses in the plane
 def test_compose_multiplies_matrices_and_relative_undoes_it():
@@ -416,16 +437,106 @@ def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
     close(torso, motion.torso[first, : tick + 1], atol=1e-9, err_msg=(
         "a part of the state is forgotten between two runs"))
 
+# ---------------------------------------------------------------- the reflex
+def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
+    plan, robot = still("mujoco", 1, 0.05), replace(ROBOT, control_dt=0.01)
+    plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
+    plan.gyro[0] = [9, 9], [9, 9], [0.1, -0.2], [9, 9], [9, 9]
+    plan.support[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
+    got = robot_model.reflex(robot, plan, 2, 4, np.array([[0.5, 1.0]]))
+    assert got.shape == (1, 2, 12), "robots, ticks, joints"
+    # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
+    want = np.zeros((2, 12))
+    want[0, [5, 4]] = 0.05 * (0.6 - 0.2), 0.05 * (0.8 + 0.5)
+    want[1, [11, 10]] = 0.1 * (0.6 - 0.2), 0.1 * (0.8 + 0.5)
+    close(got[0], want, atol=1e-12, err_msg=(
+        "added = gain·(true rate + error of the gyro − planned rate): x to the roll, y to the "
+        "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"))
+    got = robot_model.reflex(robot, plan, 2, 3, np.array([[0.5, 1.0]]))
+    close(got[0, 0, [5, 4]], [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)], atol=1e-12, err_msg=(
+        "planned rate = change of the lean / time: here it is a single tick"))
+
+def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
+    plan, limit = still("mujoco", 3, 0.05), robot_model.REFLEX_LIMIT
+    plan.support[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
+    got = robot_model.reflex(ROBOT, plan, 0, 2, np.array([[7, 99], [-99, 0], [1.0, 99]]))
+    want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
+    close(got[..., [5, 4, 11, 10]], np.tile(want[:, None], (2, 2)), atol=1e-12, err_msg=(
+        "what is ADDED is limited, to either side; not the rate"))
+
+@BOTH
+def test_the_reflex_brakes_what_a_push_begins(make_sim, name):
+    gains, pushes = [0.05, 0.0, -0.05], [(1, 0), (-1, 0), *[(0, 1), (0, -1)] * (name == "mujoco")]
+    trajectory = still(name, 3 * len(pushes), 3.0)
+    trajectory.support[:, 10:] = np.tile(gains, len(pushes))[:, None, None]
+    force = ROBOT.torso.mass * 0.6 / 0.05  # m·Δv / t [N], for 50 ms
+    trajectory.push[:, 10:15] = force * np.repeat(pushes, 3, 0)[:, None]
+    motion = make_sim(name, 3 * len(pushes)).run(trajectory, np.arange(3 * len(pushes)))
+    change = np.abs(motion.torso[:, 18, 3:5] - motion.torso[:, 9, 3:5]).max(1)
+    for push, lean, fell in zip(pushes, change.reshape(-1, 3), motion.fell.reshape(-1, 3)):
+        what = f"pushed along {push}: 40 ms later it leans by {lean.round(3)} rad, gains {gains} s"
+        assert lean[0] < 0.95 * lean[1] and lean[1] < 0.95 * lean[2], (
+            f"{what}: the toes press where the robot turns to; is a sign wrong?")
+        assert not fell[0], f"{what}: the reflex keeps it up"
+        assert fell[2] or push[1], f"{what}: the opposite sign drives the sway until it falls"
+
+@BOTH
+def test_a_push_gives_momentum_to_the_torso_while_it_lasts(make_sim, name):
+    torso, joints = stance(name)
+    torso[2] = 1.0  # in the air, where no ground takes a share
+    sim, trajectory = make_sim(name, 3, standing=(torso, joints)), still(name, 3, 0.12)
+    want = np.array([[2.1, 0], [0, -0.7], [0, 0]])  # [kg m/s] ahead, to the right, none
+    trajectory.push[:, 3:8] = want[:, None] / (5 * ROBOT.control_dt)  # force = momentum / time
+    motion = sim.run(trajectory, np.arange(3))
+    want[:, 1] *= name == "mujoco"  # nobody is pushed out of a plane
+    for i in range(3):
+        if name == "mujoco":
+            data = mujoco.MjData(sim.model)
+            mujoco.mj_setState(sim.model, data, sim.state[i], FULL)
+            got = MASS * velocity(sim.model, data)[:2]
+        else:
+            got = sum(b.mass * np.array(b.velocity) for b in planar_bodies(sim.spaces[i]))
+            got[1] += MASS * ROBOT.gravity * 0.12  # it drops, and nothing pushes it up or down
+        close(got, want[i], atol=0.01, err_msg="force·time, of this robot, in these ticks only")
+    assert motion.spin[0, 1] > 0.1, "it is pushed above its hips, so it also turns"
+
+@BOTH
+def test_a_robot_without_reflex_does_not_notice_that_others_have_it(make_sim, name):
+    plans, standing = walking(name, 2, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
+    some, nobody = (make_sim(name, 2, standing=standing) for _ in range(2))
+    for plan in disturbed(plans):
+        plan.support[1] = 0
+        got = some.run(plan, np.arange(2))
+        want = nobody.run(replace(plan, support=0 * plan.support), np.arange(2))
+        assert_same_motion(got, want, 1, 1, "many short runs must equal a long one, bit by bit")
+    assert np.abs(got.torso[0] - want.torso[0]).max() > 1e-3, "the test should see a reflex"
+
+@BOTH
+def test_the_gyro_is_read_every_second_tick_also_by_a_delayed_robot(make_sim, monkeypatch, name):
+    plans, standing = walking(name, 2, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 1)
+    whole, pieces = (make_sim(name, 2, standing=standing) for _ in range(2))
+    for sim in (whole, pieces):
+        sim.reset([1], bodies(1, delay=1))
+    formula, read = robot_model.reflex, []
+    monkeypatch.setattr(robot_model, "reflex", lambda robot, trajectory, *when: (
+        read.append(when) or formula(robot, trajectory, *when)))
+    want = whole.run(disturbed(plans)[0], [0, 1])
+    once, spin = read.copy(), 0 * want.spin  # it begins at rest
+    for first, last in ((0, 4), (4, 10), (10, 62)):  # [ticks]
+        *when, seen = once[first // 2]
+        assert when == [first, first + 2], "a reading holds for two ticks"
+        close(seen, spin[:, :2] * [name == "mujoco", 1], atol=1e-12, err_msg=(
+            "it reads how fast the torso turns about x and y now; a plane has no x"))
+        motion = pieces.run(part(plans[0], ticks=slice(first, last + 1)), [0, 1])
+        spin = motion.spin
+    close(motion.torso[:, -1], want.torso[:, -1], atol=1e-12, err_msg=(
+        "three runs equal one run that is cut between readings: is a correction forgotten?"))
+
 # ---------------------------------------------------------------- friction
 def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(make_sim):
     sim = make_sim("mujoco", 2)
     sim.reset([0], replace(bodies(1), friction=np.array([0.4])))
     sim.run(still("mujoco", 2, 1.0), np.arange(2))  # the weight settles on the soles
-
-    def velocity(model, data):  # of the centre of mass
-        mujoco.mj_forward(model, data)
-        mujoco.mj_subtreeVel(model, data)
-        return data.subtree_linvel[0].copy()
 
     for (i, friction), degrees in product(enumerate((0.4, ROBOT.friction)), (0, 45, 90)):
         model, data = sim.models[i], mujoco.MjData(sim.model)
@@ -532,7 +643,7 @@ def test_motors_of_a_standing_robot_carry_the_weight_above_them(make_sim, name):
 @BOTH
 def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
     fine = replace(ROBOT, control_dt=0.002, substeps=1)
-    plans, standing = walking(name, 1, [[0.05, 0.02, 0.2], [0.05, 0, -0.2]], 4, fine)
+    plans, standing = walking(name, 1, [[0.08, 0.02, 0.2], [0.08, 0, -0.2]], 4, fine)
     sim = make_sim(name, standing=standing, robot=fine)
     turns, spins = [], []
     for plan, first in product(plans, range(0, plans[0].joints.shape[1] - 1, 5)):
@@ -617,23 +728,33 @@ def test_static_friction_is_taken_from_a_planar_motors_largest_torque(make_sim):
     close(most, left, atol=1e-6, err_msg="all the rest is there to be used")
 
 @BOTH
-def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, name):
+def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, monkeypatch, name):
     plans, standing = walking(name, 1, [[0.08, 0, 0.1], [0.08, 0, -0.1]], 2)
     sim, last = make_sim(name, 2, standing=standing), standing[1][None, None]
     sim.reset([0], bodies(1, delay=1))
+    ticks, rng = plans[0].push.shape[1], np.random.default_rng(6)
+    added = np.zeros((2, ticks, 12))  # by a reflex that we make up
+    monkeypatch.setattr(robot_model, "reflex", lambda robot, trajectory, tick, end, spin:
+                        added[:, tick:end])
     for plan in plans:
         late = np.concatenate([last, plan.joints[:, :-1]], 1)
-        both = robot_model.Trajectory(np.concatenate([plan.joints, late]), plan.trunk[[0, 0]])
+        both = replace(part(plan, [0, 0]), joints=np.concatenate([plan.joints, late]))
+        before = added[0, -1].copy()
+        added[0] = rng.uniform(-0.05, 0.05, (ticks, 12))
+        added[1] = [before, *added[0, :-1]]
         motion = sim.run(both, np.arange(2))
         close(motion.torso[0], motion.torso[1], atol=1e-9, err_msg=(
-            "every target reaches the motors a tick later, also the last one of a run"))
+            "every target reaches the motors a tick later, with what the reflex adds to it, also "
+            "the last one of a run"))
         last = plan.joints[:, -2:-1]
 
 # ---------------------------------------------------------------- many robots
 @BOTH
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     plans, standing = walking(name, 3, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
-    together, apart, fresh = sims = [make_sim(name, 3, standing=standing) for _ in range(3)]
+    disturbed(plans)
+    cores = 2 if name == "mujoco" else 1, 1, 1  # planar robots in several processes: see below
+    together, apart, fresh = sims = [make_sim(name, 3, k, standing) for k in cores]
     for sim in sims:
         sim.reset(np.arange(3), bodies(3, **SPREAD, delay=1))
     want = together.run(plans[0], np.arange(3))
@@ -651,6 +772,7 @@ def test_a_diverged_robot_is_a_silent_fall_and_the_others_go_on(make_sim, tmp_pa
                                                                 cores):
     sim, healthy = (make_sim(name, 4, cores) for _ in range(2))
     everybody, seconds = np.arange(4), still(name, 4, 0.5)
+    seconds.support[:] = 0.02
     for robot, bad in ((1, math.nan), (2, 1e12)):  # forward velocity of the torso [m/s]
         if name == "mujoco":
             sim.state[robot, 20] = bad
@@ -672,6 +794,7 @@ def test_a_diverged_robot_is_a_silent_fall_and_the_others_go_on(make_sim, tmp_pa
 
 def test_planar_robots_in_two_processes_move_as_in_one(make_sim):
     plans, standing = walking("pymunk", 5, [[0.08, 0.02, 0.1], [0.08, 0, -0.1]], 3)
+    disturbed(plans)
     one, two = (make_sim("pymunk", 5, cores, standing) for cores in (1, 2))
     assert isinstance(one, robot_model.PymunkSim), "one core: no process is worth starting"
     assert isinstance(two, robot_model.Workers) and len(two.pools) == 2

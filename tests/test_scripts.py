@@ -20,8 +20,8 @@ FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
     "01_robot_model.py": [], "02_walk_engine.py": [], "03_env.py": [],
     "04_ppo.py": ["--imu", "--noise", "--no-noise", "--steps", "--quick", "--resume", "--env",
                   "--gamma"],
-    "05_evaluate.py": ["--noise", "--far", "--goals", "--episodes", "--friction", "--policy",
-                       "--planner", "--gif", "--play"],
+    "05_evaluate.py": ["--noise", "--far", "--goals", "--episodes", "--friction", "--push",
+                       "--policy", "--planner", "--gif", "--play"],
 }
 
 def run(script, *arguments, folder, code=0):
@@ -53,8 +53,8 @@ def check_picture(path):
 @pytest.mark.parametrize("script, flags, said, files", [
     ("01_robot_model.py", ["--out", "../a new/one"], "of 64 fell", ["a new/one/01_robot.png"]),
     ("01_robot_model.py", ["--mujoco"], "of 64 fell", ["here/runs/mujoco/01_robot.png"]),
-    ("02_walk_engine.py", [], "a left turn", ["here/runs/pymunk/02_plan.png",
-                                              "here/runs/pymunk/02_walk.png"])], ids=str)
+    ("02_walk_engine.py", [], "a left turn", [
+        f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")])], ids=str)
 def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files):
     here = tmp_path / "here"
     here.mkdir(0o555 if "--out" in flags else 0o777)  # --out is for places where none may write
@@ -109,7 +109,7 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(import_module("01_robot_model"), "CORES", 1)
     ppo, train = import_module("04_ppo"), Path("train")
-    small = partial(ppo.PPOConfig, num_envs=8, rollout=8, minibatch=32, unsettled=0)
+    small = partial(ppo.PPOConfig, num_envs=8, rollout=8, minibatch=32)
     short = partial(ppo.env.FootstepVectorEnv, task=ppo.env.Task(time_limit=2.0))
     monkeypatch.setattr(ppo, "PPOConfig", small)
     monkeypatch.setattr(ppo.env, "FootstepVectorEnv", short)
@@ -143,6 +143,10 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     ("05_evaluate.py", "--episodes 0", "--episodes from 1"),
     ("05_evaluate.py", "--episodes 10001", "to 10000"),
     ("05_evaluate.py", "--friction -0.1", "--friction"),
+    ("05_evaluate.py", "--push -0.1", "--push"),
+    ("05_evaluate.py", "--push nan", "--push"),
+    ("05_evaluate.py", "--push inf", "--push"),
+    ("05_evaluate.py", "--goals=", "needs columns x, y, yaw"),
     ("05_evaluate.py", "--goals a_file --far", "--far")])
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
     (tmp_path / "a_file").write_text("not a folder")

@@ -66,22 +66,25 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
         before, after = first.trunk[0], second.trunk[0]  # [T + 1, 6]
         close(first_feet[0, -1], second_feet[0, 0], atol=1e-9, err_msg=(
             "a foot jumps: the next plan must start where this one ended"))
-        # Each side of the seam is one quintic, and the roll a sine: a fit of degree 9 is exact.
-        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 9)
-        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 9)
+        # Each side of the seam is one quintic: a fit of degree 5 is exact.
+        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
+        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
             close(start[order], last[order], atol=1e-6, err_msg=(
                 f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
                 "steps: the next spline starts with the state in which this one ended"))
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
+    standing = np.polynomial.polynomial.polyfit(dt * np.arange(10), plans[0][0].trunk[0, :10], 5)
+    close(standing[1:3], 0, atol=1e-6, err_msg=(
+        "a walk begins at rest: velocity and c₂ of x, y, z, roll, pitch, yaw jump there"))
     jump = max(np.abs(np.diff(trajectory.joints, axis=1)).max() for trajectory, _ in plans)
     assert jump < 0.2, f"a joint's target jumps by {jump:.2f} rad in a tick"
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
 def test_trunk_passes_its_knots_between_the_feet(phase):
-    p = replace(walk_engine.TUNED["mujoco"], frequency=0.5 / 0.28, trunk_phase=phase,
+    p = replace(walk_engine.TUNED["mujoco"], half_ticks=28, trunk_phase=phase,
                 trunk_swing=0.3, trunk_x_offset=0.02, trunk_pitch=0.1, pitch_per_step=0.5,
-                pitch_per_turn=0.4, trunk_roll=0)
+                pitch_per_turn=0.4, trunk_roll=0.05)
     for footsteps in ([[0, 0, 0], [0, 0, 0]], [[0.08, 0, 0], [0.08, 0, 0]],
                       [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]], [[0, 0, -0.2], [0, 0, 0.2]]):
         engine = walk_engine.WalkEngine(1, p, ROBOT)
@@ -90,12 +93,13 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
         new_left, new_right = engine.feet[0]
         for k, (support, start, landing) in enumerate(((right, left, new_left),
                                                        (new_left, right, new_right))):
-            tick = int((k + 0.5 + phase) * engine.half_ticks)
-            assert tick == (k + 0.5 + phase) * engine.half_ticks, "the very tick of the knot"
+            tick = int((k + 0.5 + phase) * p.half_ticks)
+            assert tick == (k + 0.5 + phase) * p.half_ticks, "the very tick of the knot"
             x, y, z, roll, pitch, yaw = trunk[tick]
             before, after = (support + start) / 2, (support + landing) / 2
             centre = (before + after) / 2
-            close((z, roll), (p.trunk_height, 0))
+            close((z, roll), (p.trunk_height, (0.05, -0.05)[k]), err_msg=(
+                "trunk_roll towards the SUPPORT foot: a positive roll leans to the right"))
             assert yaw == pytest.approx(centre[2], abs=1e-9)
             ahead, aside, _ = robot_model.relative(centre, np.array([x, y, yaw]))
             assert ahead == pytest.approx(p.trunk_x_offset, abs=1e-9), (
@@ -115,32 +119,46 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
             close(c[1, [0, 1, 5]], (after - before) / engine.half, atol=1e-6, err_msg=(
                 "it passes with the mean velocity of the step"))
+            close(c[1, 3:5], 0, atol=1e-6, err_msg="there the lean turns back")
             close(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
 
 def test_trunk_rolls_towards_the_support_foot_and_leaves_the_feet_where_they_were():
-    p = replace(walk_engine.TUNED["mujoco"], trunk_roll=0.06)
+    p = replace(walk_engine.TUNED["mujoco"], half_ticks=28, trunk_phase=0, trunk_roll=0.06)
     footsteps = np.array([[[0.08, 0.02, 0.1], [0.06, 0, 0]]])
     engine, upright = (walk_engine.WalkEngine(1, replace(p, trunk_roll=roll), ROBOT)
                        for roll in (0.06, 0))
     (trajectory, feet), (_, want) = (e.plan(footsteps, [0]) for e in (engine, upright))
-    roll, half = trajectory.trunk[0, :, 3], engine.half_ticks
+    roll, half = trajectory.trunk[0, :, 3], engine.parameters.half_ticks
     close(roll[[0, half, -1]], 0, atol=1e-12, err_msg=(
-        "upright where single steps and double steps meet"))
+        "upright half-way from knot to knot"))
     points, _ = robot_model.body_points(ROBOT, trajectory.trunk[0], trajectory.joints[0])
     lifted = points[:, 0, 0, 2] - points[:, 1, 0, 2]  # [T + 1] left hip above the right one [m]
     assert (lifted[1:half] > 0).all() and (lifted[half + 1 : -1] < 0).all(), (
         "the left foot swings first: the hip of the SWING foot is lifted")
     most = np.abs(roll).reshape(-1)[[half // 2, half + half // 2]]
-    close(most, p.trunk_roll, rtol=0.01, err_msg="half-way it is all of it")
+    close(most, p.trunk_roll, err_msg="in the middle of a single step it is all of it")
     equal(feet, want, err_msg="a roll moves no foot")
     close(points[:, :, 2, :2], feet[0, ..., :2], atol=1e-9)
     close(points[:, :, 3:, 2], feet[0, ..., 2, None] * np.ones(2), atol=1e-9, err_msg=(
         "the legs make up for the roll: soles stay level"))
 
 @BOTH
+def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
+    engine = make_engine(sim)
+    trajectory, feet = engine.plan(np.array([[[0.08, 0, 0.1], [0.08, 0, 0]]]), [0])
+    gain, half = trajectory.support[0], engine.parameters.half_ticks
+    for first in (0, half):  # two single steps; each of them begins with a double support
+        swing = feet[0, first : first + half, :, 2].max(0).argmax()
+        here = gain[first : first + half]
+        equal(here[:, swing], 0, err_msg="the ankle of a foot in the air would only kick")
+        equal(here[:, 1 - swing], engine.parameters.reflex, err_msg="this one stands all the time")
+    trajectory.push[:] = 1
+    assert not trajectory.gyro.any(), "whoever writes pushes into the plan changes the gyro"
+
+@BOTH
 def test_all_zero_footsteps_step_on_the_spot(sim):
     engine = make_engine(sim)
-    p, half = engine.parameters, engine.half_ticks
+    p, half = engine.parameters, engine.parameters.half_ticks
     stands = [[0, p.foot_distance / 2, 0], [0, -p.foot_distance / 2, 0]]
     for _ in range(4):
         trajectory, feet = engine.plan(np.zeros((1, 2, 3)), [0])
@@ -157,8 +175,8 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
 def test_swing_foot_waits_rises_and_lands_at_rest():
     engine = make_engine("mujoco")
     _, feet = engine.plan(np.array([[[0.1, 0.02, 0.2], [0.1, 0.0, 0.0]]]), [0])
-    left = feet[0, : engine.half_ticks + 1, 0]  # [K, 4]
-    waiting = int(engine.parameters.double_support * engine.half_ticks)
+    left = feet[0, : engine.parameters.half_ticks + 1, 0]  # [K, 4]
+    waiting = int(engine.parameters.double_support * engine.parameters.half_ticks)
     assert waiting >= 1, "the test should see the double support"
     close(left[: waiting + 1], left[:1].repeat(waiting + 1, 0), atol=1e-12, err_msg=(
         "it waits during the double support, on the ground"))
@@ -241,12 +259,15 @@ def test_it_walks_what_is_commanded(sim):
 def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     gentle, wild = np.tile([0.05, 0, 0.1], (5, 2, 1)), np.tile([0.4, 0, 0], (5, 2, 1))
     wild[0] = 0
-    seen = []
-    poses, wanted, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], [gentle, wild, gentle],
-                                           watch=lambda _, motion: seen.append(len(motion.fell)))
+    seen, asked = [], []
+    poses, wanted, fall = walk_engine.walk(
+        sim, walk_engine.TUNED[sim], [gentle, wild, gentle],
+        disturb=lambda _, robots: asked.append(robots.tolist()),
+        watch=lambda _, motion: seen.append(len(motion.fell)))
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: it should fall"
     k = fall[1] + 1
     assert seen == [3] * k + [2] * (5 - k), "watch sees every double step of the robots that are up"
+    assert asked == [[0, 1, 2]] * k + [[0, 2]] * (5 - k), "disturb is told which robots these are"
     equal(poses[1, k:], np.tile(poses[1, k], (6 - k, 1)), err_msg="a walk ends with its fall")
     equal(wanted[1, k:], np.tile(wanted[1, k], (6 - k, 1)))
     alone = walk_engine.walk(sim, walk_engine.TUNED[sim], [gentle, gentle])
@@ -267,3 +288,11 @@ def test_on_ice_a_curve_gets_less_far_and_turns_less(sim):
     assert turned[0] == pytest.approx(1.0, abs=0.15), f"{turned[0]:.2f} of the turn: feet scuff?"
     assert turned[1] < 0.6, f"{turned[1]:.2f} of the turn on ice: does the Body reach the walk?"
     assert way[1] < 0.85 * way[0], f"{way[1]:.2f} m on ice, {way[0]:.2f} m on firm ground"
+
+@BOTH
+def test_amid_a_walk_a_push_tilts_the_robot_with_the_reflex_less(sim):
+    (torso, _), (calm, _) = (walk_engine.pushed(sim, walk_engine.TUNED[sim], speed)
+                             for speed in (0.6, 0.0))
+    off = np.abs(torso[..., 4] - calm[..., 4]).max(1)
+    assert off[0] < 0.9 * off[1], f"off the walk that nobody pushes by {off.round(3)} rad"
+    assert off[0] < 0.2, f"tilted by {off[0]:.2f} rad: with the reflex it should stay up"

@@ -2,7 +2,7 @@
 
     python tests/exercises/predict.py circle               the return of walking in a circle
     python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
-    python tests/exercises/predict.py load --mujoco        larger steps in all directions at once
+    python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
     python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
@@ -37,23 +37,40 @@ def circle(sim):
 def sharpness(sim):
     """Mode, mean, spread and entropy of Beta(1 + 8·m, 1 + 8·(1 − m)) to the power of k."""
     for mode in (0.5, 0.9):
-        for k in (1.0, 2.0, 4.0):
+        for k in (1.0, 2.0, 6.0):
             raw = torch.tensor([mode, 1 - mode]) * (10.0 - 2.0)
             beta = torch.distributions.Beta(*(1 + k * raw))
             print(f"mode {mode}: k = {k:.0f}  mean {beta.mean:.3f}, standard deviation "
                   f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats")
 
-def load(sim):
-    """Share of random plans that end upright, by the largest `load` of a footstep."""
-    dice = np.random.default_rng(0)
-    plans = dice.random((96, 8, 2, 3))  # the same shares of the limits for every load
+def reflex(sim):
+    """Share of 96 drawn robots that stay up for eight double steps, by the gain of the reflex."""
+    dice, task, limits = np.random.default_rng(0), env.Task(), env.LIMITS[sim]
+    plans = dice.uniform(limits.low, limits.high, (96, 8, 2, 3))
+    forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
     bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
-    for most in (1.0, 1.5, 2.0, 3.0):
-        limits = replace(env.LIMITS[sim], load=most)
-        steps = env.to_footsteps(plans.reshape(96, 8, 6), limits)
-        _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], steps, bodies)
-        print(f"load {most:.1f}: mean |x| of a footstep {np.abs(steps[..., 0]).mean():.3f} m, "
-              f"{np.mean(fall == 8):.2f} of the plans stood")
+    offset = dice.uniform(-env.Spread().gyro, env.Spread().gyro, (96, 1, 2))  # [rad/s]
+    force = robot_model.RobotModel().torso.mass * 0.4 / 0.05  # [N] by 0.4 m/s in 50 ms
+
+    def standing(gain, steps, force):
+        rng = np.random.default_rng(1)  # the same errors and pushes for every gain
+
+        def disturb(trajectory, robots):
+            _, ticks, _ = trajectory.gyro.shape
+            noise = rng.normal(size=(96, ticks, 2))
+            trajectory.gyro[:] = (offset + task.imu_rad_s * noise)[robots]
+            first, way = rng.integers(ticks - 4, size=96), rng.uniform(0, 2 * np.pi, 96)
+            for row, i in enumerate(robots):
+                push = force * np.cos(way[i]), force * np.sin(way[i])
+                trajectory.push[row, first[i] : first[i] + 5] = push
+
+        parameters = replace(walk_engine.TUNED[sim], reflex=gain)
+        _, _, fall = walk_engine.walk(sim, parameters, steps, bodies, disturb)
+        return np.mean(fall == 8)
+
+    for gain in (0.0, 0.05, 0.1, 0.2):
+        print(f"gain {gain:.2f} s: {standing(gain, plans, 0):.2f} of the random plans stood, "
+              f"{standing(gain, forward, force):.2f} of the pushed walks")
 
 def filter_(sim):
     """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
@@ -68,7 +85,7 @@ def filter_(sim):
                   f"{ended['still_there'][reached].mean():.2f}")
     world.close()
 
-EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "load": load, "filter": filter_}
+EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "filter": filter_}
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ

@@ -16,7 +16,7 @@ from itertools import product
 
 import common
 import numpy as np
-from common import SEEDS, env, evaluate, ppo, robot_model
+from common import FEW, SEEDS, env, evaluate, ppo, robot_model
 from tqdm import tqdm
 
 torch = ppo.torch
@@ -55,6 +55,7 @@ VARIANTS = {  # name: what differs from the reference
     "Gaussian policy, clipped": {"model": GaussianActor},
     "no sharpening": {"config": {"sharpest": 1.0}},
     "with IMU": {"imu": True},
+    "without the reflex": {"reflex": False},
     **{f"without r_{k}": {"task": {f"s_{k}": 0.0}}
        for k in ("d", "a", "o", "c", "fall", "goal", "time")},
 }
@@ -66,10 +67,12 @@ class ModePlanner(evaluate.PolicyPlanner):
         with torch.no_grad():
             return self.model.policy(seen).mode.numpy()
 
-def judged(planner, sim):
+def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
     half = GOALS // 2
     with closing(env.FootstepWorld(half, sim, cores=1)) as world:
+        if not reflex:
+            common.without_reflex(world)
         parts = [common.walks(planner, world, True, far, 1, per_set=half) for far in (False, True)]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
 
@@ -77,24 +80,28 @@ def ablate(sim, name, seed):
     """The row of one training on one core."""
     variant = VARIANTS[name]
     task = replace(env.Task(), **variant.get("task", {}))
-    imu = variant.get("imu", False)
+    imu, reflex = variant.get("imu", False), variant.get("reflex", True)
 
     def make_envs(num_envs):
-        return env.FootstepVectorEnv(num_envs, sim, True, imu, task=task, cores=1)
+        envs = env.FootstepVectorEnv(num_envs, sim, True, imu, staggered=True, task=task, cores=1)
+        if not reflex:
+            common.without_reflex(envs.world)
+        return envs
 
     folder = common.work(sim, "ablations", f"{name}_{seed}")
     if not (folder / "row.json").is_file():
         config = ppo.PPOConfig(**variant.get("config", {}))
         model, _ = ppo.train(config, make_envs, folder, STEPS, seed,
                              make_model=variant.get("model", ppo.ActorCritic))
-        row = {"variant": name, "seed": seed, **judged(evaluate.PolicyPlanner(model, imu), sim)}
+        planner = evaluate.PolicyPlanner(model, imu)
+        row = {"variant": name, "seed": seed, **judged(planner, sim, reflex)}
         evaluate.write_text(folder / "row.json", json.dumps(row))
     return common.read_json(folder / "row.json")
 
 # ------------------------------------------------------------------------ the two parts
 def study_ablations(args):
     """As many trainings at a time as there are cores."""
-    jobs = list(product([args.sim], VARIANTS, SEEDS))
+    jobs = list(product([args.sim], VARIANTS, FEW))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(robot_model.CORES, context) as pool:
         rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
@@ -105,7 +112,7 @@ def study_decision(args):
     rows, rules = [], {"mode (paper)": ModePlanner, "mean (ours)": evaluate.PolicyPlanner}
     with common.world(args.sim) as world:
         for purpose, far, rule, seed in product(("tuning", "evaluation"), (False, True), rules,
-                                                SEEDS):
+                                                SEEDS[args.sim]):
             path = common.RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
             planner = rules[rule](common.policy(path, args.sim).model)
             ended = common.walks(planner, world, True, far, purpose=purpose)

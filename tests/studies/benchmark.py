@@ -1,9 +1,10 @@
-"""How much of the environment's time is physics?
+"""How much of the environment's time is physics, and what does the reflex cost?
 
     python tests/studies/benchmark.py [--mujoco] [--out FOLDER]
 
 All robots step on the spot, on one core. Physics is what the simulator's own step takes; the rest
-are plans, motor targets, measurements and rewards. Speeds are double steps per second.
+are plans, motor targets, measurements and rewards. Speeds are double steps per second. With the
+reflex the simulator stops for the gyro every 20 ms; without it (gain 0) MuJoCo runs through.
 """
 
 from contextlib import closing
@@ -21,7 +22,7 @@ COUNTS = (1, 4, 16, 64, 256)  # robots
 STEPS = 1024  # double steps in each measurement
 PHYSICS = {"pymunk": (pymunk.Space, "step"), "mujoco": (mujoco.rollout.Rollout, "rollout")}
 
-def measure(sim, count):
+def measure(sim, count, reflex=True):
     """A row: speed of the environment, of bare physics, and their ratio."""
     owner, name = PHYSICS[sim]
     step, spent = getattr(owner, name), []
@@ -35,6 +36,8 @@ def measure(sim, count):
 
     with closing(env.FootstepVectorEnv(count, sim, cores=1)) as envs:
         action = np.tile(envs.neutral_action, (count, 1))
+        if not reflex:
+            common.without_reflex(envs.world)
         envs.reset(seed=0)
         envs.step(action)
         with mock.patch.object(owner, name, timed):
@@ -47,14 +50,19 @@ def measure(sim, count):
             "bare": count * rounds / physics, "ratio": physics / seconds}
 
 def study(args):
-    """Every number of robots."""
-    return {"rows": [measure(args.sim, count) for count in COUNTS]}
+    """Every number of robots, and 64 of them without the reflex."""
+    rows = [measure(args.sim, count) for count in COUNTS]
+    speed, = (row["one_core"] for row in rows if row["robots"] == 64)
+    through = measure(args.sim, 64, reflex=False)["one_core"]
+    return {"rows": rows, "without_reflex": through, "reflex_ratio": speed / through}
 
 PARTS = {"": study}
 
 def table(found, sim):
     """Double steps per second."""
-    return common.table(found["rows"], {"robots": 0, "one_core": 0, "bare": 0, "ratio": 2})
+    rows = common.table(found["rows"], {"robots": 0, "one_core": 0, "bare": 0, "ratio": 2})
+    return (f"{rows}\n64 robots without the reflex: {found['without_reflex']:.0f}. The speed with "
+            f"it is {found['reflex_ratio']:.2f} of that.\n")
 
 if __name__ == "__main__":
     common.run("benchmark")

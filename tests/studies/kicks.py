@@ -1,152 +1,116 @@
-"""Where does the robot fall? Other grounds, other bodies, and pushes.
+"""Where does the robot fall? Pushes, other grounds, other bodies, other errors.
 
-    python tests/studies/kicks.py --mujoco [--only worlds | pushes] [--out FOLDER]
+    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds] [--out FOLDER]
 
-worlds: three shipped planners, near and far goals with noise. No planner observes the world. (The
-two worlds on static friction came last, to find out why the bare model falls more than the drawn
-ones.)
+pushes: shipped policies and `baseline_tuned`, far goals with noise, with the reflex and without it.
+A push acts on the torso for 50 ms, in a random horizontal direction (on the plane ahead or back),
+at a random moment of a double step; alone it would make the torso faster by Δv. On average there is
+one every 3 s. All planners meet the same ones. Nobody has been trained with pushes.
 
-pushes, 3-D only: three short trainings with IMU and three without, trained and judged while they
-are pushed. A push acts on the torso for 50 ms, in a random horizontal direction, at a random moment
-of a double step; alone it would make the torso faster by Δv. On average there is one every 3 s.
-They are drawn from generators of the trial, so all planners meet the same.
+worlds: three shipped planners, near and far goals with noise. No planner observes the world.
 """
 
-import common
-import numpy as np
-from common import SEEDS, env, ppo, robot_model
+from itertools import product
 
-DURATION = "worlds: 10 minutes on two cores; 3-D: 20, and 60 for the pushes"
+import common
+import matplotlib.pyplot as plt
+import numpy as np
+from common import RESULTS, env
+
+DURATION = "pushes: 10 minutes on two cores, 3-D: 25; worlds: 20 minutes, 3-D: 45"
+SETS = 2  # of 500 goals
+
+# ------------------------------------------------------------------------ pushes
+SPEEDS = (0.0, 0.2, 0.4, 0.6, 0.8)  # Δv [m/s]
+
+def study_pushes(args):
+    """Every planner at every Δv, with the reflex and without it."""
+    files = {"policy": "policy.pt", "policy_imu": "imu/policy.pt"}
+    planners = {name: common.policy(RESULTS / args.sim / file, args.sim)
+                for name, file in files.items()
+                if name == "policy" or (RESULTS / args.sim / file).is_file()}
+    planners["baseline_tuned"] = common.opponents(args.sim)["baseline_tuned"]
+    rows = []
+    for reflex in (True, False):
+        with common.world(args.sim) as world:
+            if not reflex:
+                common.without_reflex(world)
+            for speed, name in product(SPEEDS, planners):
+                world.push = speed
+                ended = common.walks(planners[name], world, True, far=True, sets=SETS)
+                rows.append({"speed": speed, "reflex": reflex,
+                             **common.row_of(ended, name, True, far=True)})
+    return {"goals": SETS * common.PER_SET, "rows": rows}
 
 # ------------------------------------------------------------------------ other worlds
-class Soft(env.Spread):
-    """Every motor has 2/3 of the stiffness it would have drawn."""
-    def draw(self, rngs, robot):
-        body = super().draw(rngs, robot)
-        body.stiffness = body.stiffness * 2 / 3
-        return body
+class SlowNoise(env.FootstepWorld):
+    """The noise of the goal is as large, but changes slowly: 0.9 of it stay for the next time."""
+    STAYS = 0.9
 
-WORLDS = {  # spread, and friction if it is not drawn
-    "as trained": (env.Spread(), np.nan),
-    "μ = 0.3 (trained: 0.4 to 1.0)": (env.Spread(), 0.3),
-    "μ = 1.2": (env.Spread(), 1.2),
-    "masses ± 20 % (± 10 %)": (env.Spread(mass=0.2), np.nan),
-    "2/3 of the motors' stiffness": (Soft(), np.nan),
-    "no static friction in the joints": (env.Spread(stiction=0.0), np.nan),
-    "nothing but static friction": (env.Spread(0, 0, 0, delay=0), np.nan),
-    "no spread at all: the model, μ = 0.7": (env.Spread(0, 0, 0, 0, 0), np.nan),
+    def __init__(self, num_robots, *args, **settings):
+        super().__init__(num_robots, *args, **settings)
+        self.last = np.zeros((num_robots, 3))
+
+    def _noisy(self, purpose, exact, robots, std):
+        noisy = super()._noisy(purpose, exact, robots, std)
+        if purpose != "noise" or not self.noise:
+            return noisy
+        # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
+        new = noisy - exact
+        slow = self.STAYS * self.last[robots] + (1 - self.STAYS**2) ** 0.5 * new
+        self.last[robots] = np.where(self.steps[robots, None] == 0, new, slow)
+        return exact + self.last[robots]
+
+WORLDS = {  # settings of the world, and the friction if it is not drawn
+    "as trained": ({}, np.nan),
+    "μ = 0.4": ({}, 0.4),
+    "μ = 0.7": ({}, 0.7),
+    "μ = 1.0": ({}, 1.0),
+    "μ = 0.3 (trained: 0.4 to 1.0)": ({}, 0.3),
+    "μ = 1.2": ({}, 1.2),
+    "masses ± 20 % (± 10 %)": ({"spread": env.Spread(mass=0.2)}, np.nan),
+    "a gyro ten times worse": (
+        {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)}, np.nan),
+    "noise of the goal lasts for seconds": ({"kind": SlowNoise}, np.nan),
 }
 
 def study_worlds(args):
     """Rows of every planner in every world."""
-    planners = {"policy": common.policy(common.RESULTS / args.sim / "policy.pt", args.sim)}
+    planners = {"policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim)}
     planners |= common.opponents(args.sim)
     rows = []
-    for title, (spread, friction) in WORLDS.items():
-        with common.world(args.sim, spread=spread) as world:
-            for far in (False, True):
-                for name in ("policy", "baseline_tuned", "search"):
-                    ended = common.walks(planners[name], world, True, far, 2, friction=friction)
-                    rows.append({"world": title, **common.row_of(ended, name, True, far)})
-    return {"goals": 2 * common.PER_SET, "rows": rows}
+    for title, (settings, friction) in WORLDS.items():
+        with common.world(args.sim, **settings) as world:
+            for far, name in product((False, True), ("policy", "baseline_tuned", "search")):
+                ended = common.walks(planners[name], world, True, far, SETS, friction=friction)
+                rows.append({"world": title, **common.row_of(ended, name, True, far)})
+    return {"goals": SETS * common.PER_SET, "rows": rows}
 
-# ------------------------------------------------------------------------ pushes
-STEPS = 250_000  # double steps of a training: enough to arrive
-SPEEDS = (0.0, 0.1, 0.2, 0.3, 0.4)  # Δv [m/s]; trained: anything up to the last one
-BETWEEN, LASTS = 3.0, 0.05  # [s] mean time between pushes, and of a push
-
-class KickedSim(robot_model.MujocoSim):
-    """Robots of a world that are pushed; Δv is drawn between two values [m/s]."""
-    def __init__(self, world, low, high):
-        engine, count = world.engine, len(world.rng)
-        super().__init__(count, engine.stance, engine.robot, min(robot_model.CORES, count))
-        self.dice, self.low, self.high, self.period = world.dice, low, high, engine.period
-        self.threads, self.pool = self.pool, self  # `run` calls the rollout below
-        self.torso = self.model.body("torso").id
-
-    def run(self, trajectory, robots):
-        """See `MujocoSim`."""
-        self.running = robots
-        return super().run(trajectory, robots)
-
-    def forces(self, robots, steps):
-        """On the torso [n, steps, 2] (x, y) [N] in every physics step of a double step."""
-        # Always four numbers, with or without a push: so the later ones stay the same.
-        dice = np.array([self.dice[i]["kicks"].random(4) for i in robots])  # [n, 4]
-        lasts = round(LASTS / self.model.opt.timestep)  # [steps]
-        speed = self.low + dice[:, 1] * (self.high - self.low)  # [n] Δv
-        # F = m·Δv / duration, with probability period / mean time between pushes
-        force = self.robot.torso.mass * speed / LASTS
-        force = np.where(dice[:, 0] < self.period / BETWEEN, force, 0)
-        begin = np.floor(dice[:, 2] * (steps - lasts + 1)).astype(int)  # it ends within
-        since = np.arange(steps) - begin[:, None]  # [n, steps]
-        angle = 2 * np.pi * dice[:, 3]
-        push = force[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)  # [n, 2]
-        return push[:, None] * ((since >= 0) & (since < lasts))[..., None]
-
-    def rollout(self, models, data, start, control):
-        """MuJoCo's, with forces and torques on all bodies [n, S, 6·bodies] after the controls."""
-        kinds = self.mujoco.mjtState
-        n, steps, _ = control.shape
-        outer = np.zeros((n, steps, self.model.nbody, 6))
-        outer[:, :, self.torso, :2] = self.forces(self.running, steps)
-        both = np.concatenate([control, outer.reshape(n, steps, -1)], -1)
-        spec = int(kinds.mjSTATE_CTRL) | int(kinds.mjSTATE_XFRC_APPLIED)
-        return self.threads.rollout(models, data, start, both, control_spec=spec)
-
-    def close(self):
-        """End the threads."""
-        self.threads.close()
-
-def kicked(world, low, high):
-    """The same world, but its robots are pushed from now on."""
-    world.close()
-    world.sim = KickedSim(world, low, high)
-    world.close = world.sim.close
-    return world
-
-def train(name, seed):
-    """The policy of a training with pushes; an interrupted one goes on."""
-    folder = common.work("mujoco", "kicks", f"{name}_{seed}")
-    imu = name == "policy_imu"
-
-    def make_envs(num_envs):
-        envs = env.FootstepVectorEnv(num_envs, "mujoco", noise=True, imu=imu)
-        kicked(envs.world, 0.0, SPEEDS[-1])
-        return envs
-
-    if not (folder / "policy.pt").is_file():
-        about = {"fits": env.fingerprint("mujoco", imu), "imu": imu, "noise": True}
-        ppo.train(ppo.PPOConfig(), make_envs, folder, STEPS, seed, about,
-                  resume=(folder / "checkpoint.pt").is_file())
-    return common.policy(folder / "policy.pt", "mujoco")
-
-def study_pushes(args):
-    """Both kinds of policies at every Δv."""
-    if args.sim != "mujoco":
-        raise ppo.PolicyError("a planar robot cannot be pushed sideways: add --mujoco")
-    kinds = {name: [train(name, seed) for seed in SEEDS] for name in ("policy", "policy_imu")}
-    rows = []
-    for speed in SPEEDS:
-        with common.world(args.sim) as world:
-            kicked(world, speed, speed)
-            walks = {name: common.together([common.walks(planner, world, True, far=True, sets=1)
-                                            for planner in planners])
-                     for name, planners in kinds.items()}
-        for name, ended in walks.items():
-            row = {"speed": speed, **common.row_of(ended, name, True, far=True)}
-            if name == "policy_imu":
-                row |= common.time_ratio(ended, walks["policy"], "time_ratio")
-            rows.append(row)
-    return {"steps": STEPS, "walks": len(SEEDS) * common.PER_SET, "rows": rows}
-
-PARTS = {"worlds": study_worlds, "pushes": study_pushes}
+PARTS = {"pushes": study_pushes, "worlds": study_worlds}
 
 def table(found, sim):
     """Markdown, all with noise."""
     columns = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
-    return common.sections(found, {"worlds": {"world": 0, "goal_std_m": 1} | columns,
-                                   "pushes": {"speed": 1} | columns | {"time_ratio": 3}})
+    return common.sections(found, {"pushes": {"speed": 1, "reflex": 0} | columns,
+                                   "worlds": {"world": 0, "goal_std_m": 1} | columns})
+
+def plot(found, sim):
+    """Share of falls over Δv, one colour a planner, with 95 % intervals."""
+    rows = found["pushes"]["rows"]
+    figure, axis = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    names = dict.fromkeys(row["planner"] for row in rows)
+    for i, (name, reflex) in enumerate(product(names, (True, False))):
+        own = common.pick(rows, planner=name, reflex=reflex)
+        fall = np.array([row["fall"] for row in own])
+        low, high = np.transpose([row["fall_ci95"] for row in own])
+        axis.errorbar([row["speed"] for row in own], fall, np.abs([fall - low, high - fall]),
+                      color=f"C{i // 2}", linestyle="-" if reflex else "--", capsize=3,
+                      label=f"{name}, {'with' if reflex else 'without'} reflex")
+    axis.set(xlabel="push: Δv of the torso [m/s]", ylabel="share of far walks with a fall [1]",
+             title=f"Pushes every 3 s on average, far goals with noise ({sim})", ylim=(0, None))
+    axis.legend()
+    axis.grid(alpha=0.3)
+    return figure
 
 if __name__ == "__main__":
     common.run("kicks")

@@ -26,7 +26,7 @@ from types import SimpleNamespace
 import ablations
 import common
 import numpy as np
-from common import SEEDS, env, evaluate, ppo
+from common import FEW, env, evaluate, ppo
 
 try:
     import stable_baselines3
@@ -81,15 +81,15 @@ class SameRobots(VecEnv):
 def ours(sim, seed):
     """One training of stage 04: its row."""
     begin, folder = perf_counter(), common.work(sim, "peers", str(seed))
-    model, _ = ppo.train(CFG, partial(env.FootstepVectorEnv, sim=sim, noise=True), folder, STEPS,
-                         seed, make_model=ablations.GaussianActor)
+    make_envs = partial(env.FootstepVectorEnv, sim=sim, noise=True, staggered=True)
+    model, _ = ppo.train(CFG, make_envs, folder, STEPS, seed, make_model=ablations.GaussianActor)
     return row_of("ours, Gaussian", seed, begin, model.decide, sim)
 
 def theirs(sim, seed):
     """The same by Stable-Baselines3."""
     torch.set_num_threads(1)  # as in stage 04
     begin, updates, hidden = perf_counter(), -(-STEPS // UPDATE), list(CFG.hidden)
-    envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, noise=True))
+    envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, True, staggered=True))
     model = stable_baselines3.PPO(
         "MlpPolicy", envs, n_steps=CFG.rollout, batch_size=CFG.minibatch, n_epochs=CFG.epochs,
         learning_rate=lambda left: CFG.learning_rate * (left + 1 / updates),  # left: after it
@@ -109,7 +109,7 @@ def study_sb3(args):
     """Seed by seed, so that a machine that slows down slows both."""
     if stable_baselines3 is None:
         raise ppo.PolicyError("first: python -m pip install stable-baselines3==2.9.2")
-    return {"rows": [learn(args.sim, seed) for seed in SEEDS for learn in (ours, theirs)]}
+    return {"rows": [learn(args.sim, seed) for seed in FEW for learn in (ours, theirs)]}
 
 PARTS = {"sb3": study_sb3}
 

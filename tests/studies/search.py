@@ -41,7 +41,7 @@ def double_steps(limits, factor=1.0):
         for foot, outward in enumerate((share, -share)):
             largest = np.where(outward > 0, high[axis], -low[axis])
             steps[1:, foot, axis] = outward * largest
-    return env.within(steps, limits)
+    return steps
 
 def displacements(sim, steps):
     """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
@@ -132,7 +132,7 @@ class Planner:
         """There is nothing to reset."""
 
     def act(self, view, robots, measured):
-        """Actions [n, 6] for the goals [n, 3] as n robots measured them."""
+        """Actions [n, 6] for the goals [n, 3] as n robots know them."""
         if self.known is None:
             self.known = read_map(view.limits)  # they tell the simulator
         steps, moves, value, largest_change = self.known
@@ -197,7 +197,7 @@ def study(args):
             found = make_map(args.sim, factor)
             for change in CHANGES:
                 planner = planners[factor, change] = Planner((*found, change))
-                ended = baseline.both(world, planner, True, 1, 1, WALKS)
+                ended = baseline.both(world, planner, 1, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
         paper = baseline.final(world, common.opponents(args.sim)["baseline"])
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
@@ -205,7 +205,7 @@ def study(args):
         for row in tried[:FINALISTS]:
             planner = planners[row["factor"], row["change"]]
             rows.append(row | {"planner": planner, **baseline.final(world, planner)})
-        best, rule = baseline.choose(world, rows, paper)
+        best, rule = baseline.choose(rows, paper)
     path = args.out.parent / "search.npz"
     write_map(path, args.sim, best["factor"], best["planner"].known)
     print("written:", path)
@@ -217,7 +217,7 @@ PARTS = {"": study}
 def table(found, sim):
     """The finalists, then all that were tried."""
     columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
-    finalists = common.table(found["finalists"], columns | {"quiet": 3, "chosen": 0})
+    finalists = common.table(found["finalists"], columns | {"chosen": 0})
     return f"{finalists}\nChosen: {found['rule']}.\n\n{common.table(found['tried'], columns)}"
 
 if __name__ == "__main__":
