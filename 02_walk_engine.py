@@ -13,8 +13,8 @@ commanded. How fast and how well it can walk, on other grounds and with other bo
 (and tuned) by `python tests/studies/walk.py`.
 
 Then two robots are pushed forward amid a walk, one with the reflex, the other without. Guess first:
-which of them stays up? (One push proves little: somewhat harder, and both fall. The study `kicks`
-counts over many walks.)
+which of them stays up, in 3-D and on the plane? (One push proves little: somewhat harder, and both
+fall. The study `kicks` counts over many walks.)
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands: in a frame that turns with the other foot and whose origin is the swing
@@ -319,17 +319,18 @@ def pushed(sim, parameters, speed):
             for name in ("torso", "joints")]
 
 def plot_push(robot, torso, joints, path, title):
-    """Pitch over time, and both robots at the end; torso [2, T, 6], joints [2, T, 12]."""
+    """Tilt over time, and both robots at the end; torso [2, T, 6], joints [2, T, 12]."""
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
     time = np.arange(torso.shape[1]) * robot.control_dt
+    tilt = np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4]))  # [2, T] as in `fallen`
     for i, name in enumerate(("with the reflex", "without")):
-        axes[0].plot(time, np.degrees(torso[i, :, 4]), "k" + ("-", "--")[i], label=name)
+        axes[0].plot(time, np.degrees(tilt[i]), "k" + ("-", "--")[i], label=name)
         torso[i, :, :2] -= torso[i, -1, :2]  # to the middle of the picture
         robot_model.draw_robot(axes[1 + i], robot, torso[i, -1], joints[i, -1])
         axes[1 + i].axhline(0, color="0.5", lw=1)
         axes[1 + i].set(title=f"{name}, at the end", aspect="equal", xlabel="x [m]",
                         ylabel="z [m]", xlim=(-0.4, 0.4), ylim=(-0.05, 0.75))
-    axes[0].set(title=title, xlabel="time [s]", ylabel="torso's pitch, forward [°]")
+    axes[0].set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
     axes[0].legend()
     axes[0].grid(alpha=0.3)
     robot_model.save_figure(figure, path)
@@ -379,9 +380,8 @@ def main():
         print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
     plot_walks(poses, wanted, out / "02_walk.png",
                f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
-    speed = {"pymunk": 0.9, "mujoco": 0.6}[args.sim]  # [m/s] of the push
-    torso, joints = pushed(args.sim, TUNED[args.sim], speed)
-    plot_push(engine.robot, torso, joints, out / "02_push.png", f"The same push, by {speed} m/s")
+    torso, joints = pushed(args.sim, TUNED[args.sim], 0.6)
+    plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 if __name__ == "__main__":

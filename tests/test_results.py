@@ -67,13 +67,12 @@ def said_of_the_rivals():
                                goal_std_m=std)
             ratio = interval(row["time_ratio"], *row["time_ratio_ci95"])
             words.append(f"{ratio} (median {row['median']:.2f}, slower in {share(row['slower'])})")
-        yield "{} of the time of `{}` for near and {} for far goals".format(
-            words[0], other, words[1])
+        yield f"{words[0]} of the time of `{other}` for near and {words[1]} for far goals"
 
 def said_of_the_studies():
     """Falls, pushes, steps and opponents in 3-D, with noise."""
-    seeds, kicks, tuned, walk = (
-        shipped("mujoco", f"studies/{name}.json") for name in ("seeds", "kicks", "baseline", "walk"))
+    seeds, kicks, tuned, walk = (shipped("mujoco", f"studies/{name}.json")
+                                 for name in ("seeds", "kicks", "baseline", "walk"))
     pooled = seeds["pooled"]
     falls = [values(pooled["rows"], "falls", planner=planner, goal_std_m=std)[0]
              for planner in ("policy", "baseline_tuned", "expert") for std in (0.5, 1.0)]
@@ -179,13 +178,13 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     table = (RESULTS / sim / "table.md").read_text(encoding="utf-8")
     assert table == evaluate.table(evaluation["rows"], evaluation["ratios"])
     assert evaluation["goals"] == evaluation["friction"] == "drawn" and evaluation["sim"] == sim
-    names = "policy", "baseline", "baseline_tuned", "search"
+    names = "policy", "baseline", "baseline_tuned", "search", "expert"
     kinds = [*product((False, True), (0.5, 1.0))]  # noise, σ of the goals [m]
     assert set(rows) == {(name, *kind) for name in names for kind in kinds}, (
-        "--noise --far --planner search.py")
+        "--noise --far --planner expert.py search.py")
     assert all(row["episodes"] >= 500 for row in rows.values())
     for kind in kinds:
-        policy, paper, tuned, _ = (rows[name, *kind] for name in names)
+        policy, paper, tuned, *_ = (rows[name, *kind] for name in names)
         assert policy["success"] >= evaluate.PAPER["policy", False][0], kind
         if sim == "mujoco":  # on the plane, with noise, the baseline stays more often
             assert policy["still_there"] >= paper["still_there"] - 0.02, "it leaves, others stay"
@@ -251,8 +250,9 @@ def test_the_opponents_were_tuned_by_a_rule(sim):
     found = shipped(sim, "studies/baseline.json")
     chosen, = common.pick(found["finalists"], chosen=True)
     assert chosen["settings"] == vars(evaluate.TUNED[sim])
-    assert found["trials"] >= 2000 and len(found["tried"]) >= 150
-    assert ("none stays" in found["rule"]) == (chosen["quiet"] < 0.97)
+    assert found["trials"] >= 2000 and len(found["tried"]) >= 100
+    stays = chosen["still_there"] >= found["paper"]["still_there"]
+    assert ("none" in found["rule"]) == (not stays or chosen["fall"] > 0.005)
     assert (RESULTS / sim / "search.npz").stat().st_size <= 500_000
 
 def test_shipped_files_show_something_and_have_a_study():

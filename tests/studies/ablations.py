@@ -20,7 +20,7 @@ from common import FEW, SEEDS, env, evaluate, ppo, robot_model
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "80 minutes on two cores; 3-D: 140 minutes"
+DURATION = "80 minutes on two cores; 3-D: 4 hours, decision 40 minutes of them"
 STEPS, GOALS = 100_000, 500  # double steps of a training, near and far goals for it
 
 # ------------------------------------------------------------------------ the variants

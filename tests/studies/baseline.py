@@ -14,7 +14,7 @@ import numpy as np
 from common import evaluate
 from tqdm import tqdm
 
-DURATION = "15 minutes on two cores; 3-D: 40 minutes"
+DURATION = "6 minutes on two cores; 3-D: 15 minutes"
 ITERATIONS, POPULATION, ELITE, FINALISTS = 8, 16, 4, 5
 WALKS = 64  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist

@@ -101,6 +101,7 @@ def work(sim, study, training):
 HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
          "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
          "over_baseline_tuned": "time ÷ baseline_tuned", "over_search": "time ÷ search",
+         "over_expert": "time ÷ expert",
          "time_ratio": "time ÷ that without IMU", "seed": "training seed", "friction": "μ",
          "factor": "size of steps", "change": "largest change", "bare": "bare physics",
          "speed": "Δv [m/s]", "seconds": "training [s]"}
@@ -206,9 +207,9 @@ def time_ratio(ended, reference, name):
 # ------------------------------------------------------------------------ pages
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
-    order, lines = ("policy", "baseline_tuned", "search", "baseline"), []
+    order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []
     for far, std in STD.items():
-        for name in order[:2] if far else order:
+        for name in order[:3] if far else order:
             row, = pick(rows, noise=True, goal_std_m=std, planner=name)
             lines.append([f"{'far' if far else 'near'}, σ {std} m", f"`{name}`",
                           cell(row, "success", 3), str(round(row["fall"] * row["episodes"])),

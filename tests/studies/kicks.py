@@ -17,7 +17,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from common import RESULTS, env
 
-DURATION = "pushes: 10 minutes on two cores, 3-D: 25; worlds: 20 minutes, 3-D: 45"
+DURATION = "pushes: 5 minutes on two cores, worlds: 10; 3-D: 20 and 40"
 SETS = 2  # of 500 goals
 
 # ------------------------------------------------------------------------ pushes

@@ -35,7 +35,7 @@ except ImportError:  # `study_sb3` says so
     stable_baselines3, VecEnv = None, object
 
 torch = ppo.torch
-DURATION = "10 minutes on two cores; 3-D: 20"
+DURATION = "15 minutes on two cores; 3-D: 30"
 STEPS = 100_000  # double steps of a training
 CFG = replace(ppo.PPOConfig(), sharpest=1.0)
 UPDATE = CFG.num_envs * CFG.rollout  # double steps

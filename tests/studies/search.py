@@ -178,9 +178,9 @@ def write_map(path, sim, factor, known):
 
 # ------------------------------------------------------------------------ how large steps may be
 DURATION = "10 minutes on two cores; 3-D: 20 minutes"
-FACTORS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.75, 1.0)  # [-] on the limits of a step
-CHANGES = (0.1, 0.2, 0.35, 1.0)
-WALKS, FINALISTS = 100, 5  # near walks and as many far ones; combinations that are walked again
+FACTORS = (0.3, 0.45, 0.6, 0.8, 1.0)  # [-] on the limits of a step
+CHANGES = (0.2, 0.35, 1.0)
+WALKS, FINALISTS = 100, 3  # near walks and as many far ones; combinations that are walked again
 
 def make_map(sim, factor):
     """steps, moves, V of double steps up to that share of the limits, as exact as in the file."""

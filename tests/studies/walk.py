@@ -2,7 +2,7 @@
 
     python tests/studies/walk.py             speeds, random plans, the feet; 20 seconds
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
-    python tests/studies/walk.py --tune      a search for the parameters TUNED; 12 minutes
+    python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
 
 (each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. --limits draws
 three maps, and walks random plans. Every cell of a map is eight walks of three and then five equal
@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from common import env, robot_model, walk_engine
 
-DURATION = "20 seconds; --limits 2 minutes; --tune 12 minutes, in 3-D"
+DURATION = "20 seconds; --limits 2 minutes; --tune 20 minutes, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
 # it moves, and the speed that we require [m/s, rad/s]. Our choice, from first trials.
 DIRECTIONS = {
