@@ -48,7 +48,8 @@ the inertia of a motor's rotor, seen through the gears. Back-EMF: a turning moto
 too, and brakes itself; at its speed limit no torque is left. Shapes: N robots, n some of them
 (given by their indices), T control ticks.
 
-Left out: arms and head (their mass is in the torso), gear play, sensors. Only soles touch anything.
+Left out: arms and head (their mass is in the torso), gear play, all sensors but the gyro. Only
+soles touch anything.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and

@@ -320,19 +320,20 @@ def pushed(sim, parameters, speed):
 
 def plot_push(robot, torso, joints, path, title):
     """Tilt over time, and both robots at the end; torso [2, T, 6], joints [2, T, 12]."""
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    figure, (curves, picture) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
     time = np.arange(torso.shape[1]) * robot.control_dt
     tilt = np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4]))  # [2, T] as in `fallen`
-    for i, name in enumerate(("with the reflex", "without")):
-        axes[0].plot(time, np.degrees(tilt[i]), "k" + ("-", "--")[i], label=name)
-        torso[i, :, :2] -= torso[i, -1, :2]  # to the middle of the picture
-        robot_model.draw_robot(axes[1 + i], robot, torso[i, -1], joints[i, -1])
-        axes[1 + i].axhline(0, color="0.5", lw=1)
-        axes[1 + i].set(title=f"{name}, at the end", aspect="equal", xlabel="x [m]",
-                        ylabel="z [m]", xlim=(-0.4, 0.4), ylim=(-0.05, 0.75))
-    axes[0].set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
-    axes[0].legend()
-    axes[0].grid(alpha=0.3)
+    for i, name in enumerate(("with the reflex", "without the reflex")):
+        curves.plot(time, np.degrees(tilt[i]), "k" + ("-", "--")[i], label=name)
+        beside = torso[i, -1] * [0, 0, 1, 1, 1, 1] + [i, 0, 0, 0, 0, 0]  # 1 m apart
+        robot_model.draw_robot(picture, robot, beside, joints[i, -1])
+        picture.text(i, 0.75, name, ha="center")
+    curves.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
+    curves.legend()
+    curves.grid(alpha=0.3)
+    picture.axhline(0, color="0.5", lw=1)
+    picture.set(title="at the end", aspect="equal", xlim=(-0.5, 1.5), ylim=(-0.05, 0.85),
+                xticks=[], ylabel="z [m]")
     robot_model.save_figure(figure, path)
 
 def plot_plan(engine, trajectory, feet, path):

@@ -20,7 +20,9 @@ of it to other libraries as a `gymnasium.Env`.
 
 Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
 the encoding of the observation, the spread of goals and noise. Ours: ground and body are drawn anew
-for every episode (`Spread`), and no planner receives these values.
+for every episode (`Spread`), and no planner receives these values; pushes, if you ask for them; and
+an estimate of the goal, which combines all noisy measurements so far and is the same for every
+planner (`predict`, `correct`).
 """
 
 from dataclasses import asdict, dataclass

@@ -76,8 +76,8 @@ class BaselineSettings:
 
 TUNED = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
     "pymunk": BaselineSettings(
-        forward=0.55, backward=0.35, sideways=0.28, turning=1.2, gain=0.8,
-        turning_gain=0.7, far_m=0.8, time_constant=0.25, share=True),
+        forward=0.5232, backward=0.5136, sideways=0.2712, turning=1.6075, gain=0.8537,
+        turning_gain=0.6054, far_m=0.8985, time_constant=0.2408, share=True),
     "mujoco": BaselineSettings(
         forward=0.48, backward=0.35, sideways=0.23, turning=1.13, gain=0.9,
         turning_gain=0.66, far_m=0.84, time_constant=0.23, share=True),

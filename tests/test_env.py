@@ -71,19 +71,15 @@ def test_pictures_are_refused():
         with pytest.raises(ValueError, match="^render_mode='rgb_array': .* no pictures"):
             kind(render_mode="rgb_array")
 
-@pytest.mark.parametrize("mode, sim", [("sync", "pymunk"), ("sync", "mujoco"), ("async", "pymunk")])
+@pytest.mark.parametrize("mode, sim", [("sync", "mujoco"), ("async", "pymunk")])
 def test_gymnasium_can_make_a_vector_of_single_robots(make, mode, sim):
     own = make(env.FootstepVectorEnv, 2, sim, cores=1)
     envs = make(partial(gym.make_vec, "Footsteps-v0", 2, mode, sim=sim))
     first, _ = own.reset(seed=4)
     equal(envs.reset(seed=4)[0], first, err_msg=(
         "robot i has the seed s + i, in Gymnasium's vectors and in ours"))
-    for share in (0.5, 0.4):
-        action = np.full((2, 6), share, np.float32)
-        got, want = envs.step(action), own.step(action)
-        equal(got[0], want[0])
-        for one, other in zip(got[1:4], want[1:4]):  # reward, terminated, truncated
-            equal(one, other)
+    action = np.full((2, 6), 0.4, np.float32)
+    equal(envs.step(action)[0], own.step(action)[0])
     equal(own.reset(seed=4)[0], first, err_msg="the same seed, the same episode")
     distances = [seen[:, 0] for seen in (first, own.reset()[0], own.reset()[0])]
     assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
@@ -105,6 +101,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
         actions = (together.neutral_action + rng.uniform(-0.1, 0.1, (n, 6))).astype(np.float32)
         actions[:, [0, 3]] = rng.integers(0, 2, (n, 2))  # as far ahead or back as it goes
         got, rewards, terminated, truncated, infos = together.step(actions)
+        equal(infos.get("_final_obs", False), terminated | truncated)
         for i, one in enumerate(alone):
             last, reward, done, cut, info = one.step(actions[i])
             assert (reward, done, cut) == (rewards[i], terminated[i], truncated[i])
@@ -123,7 +120,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
 
 @BOTH
 def test_some_robots_walk_while_the_others_wait(make, sim):
-    some, robots = np.array([3, 1]), np.arange(4)
+    some, robots, waiting = np.array([3, 1]), np.arange(4), [0, 2]
     one, other = (make(env.FootstepWorld, 4, sim, cores=1) for _ in range(2))
     for world in (one, other):
         world.reset(robots, [env.stream("training", 5, i) for i in robots])
@@ -132,49 +129,33 @@ def test_some_robots_walk_while_the_others_wait(make, sim):
         got, want = one.step(action[some], some), other.step(action, robots)
         equal(got["reward"], want["reward"][some], err_msg=(
             "row k of the actions belongs to robots[k]; are the rows mixed up?"))
-        for name in ("pose", "tilt", "actions", "steps", "goal"):
+        for name in ("pose", "tilt", "actions", "steps", "goal", "inside"):
             equal(getattr(one, name)[some], getattr(other, name)[some])
-    waiting = [0, 2]
     assert not one.pose[waiting].any() and not one.steps[waiting].any(), "the others must not move"
-    equal(one.actions[waiting], np.tile(one.neutral_action, (2, 2, 1)))
     for world in (one, other):
         world.reset([1], goals=[[1.0, 0, 0]])
     torso = one.step(action[some], some)["motion"].torso
     want = other.step(action, robots)["motion"].torso[some]
     equal(torso, want, err_msg="robot 1 begins anew, robot 3 walks on")
-    with pytest.raises(ValueError, match="shorter"):
-        one.reset(some, [env.stream("training", 5)])  # a generator for each of them, or none
 
 def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     envs = make(env.FootstepVectorEnv, 3, cores=1)
     goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
     envs.reset(seed=3, options={"goals": goals})
     poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
-    fell = [False, False, False]
-    monkeypatch.setattr(envs.world.sim, "run", lambda *_: motion(poses, fell))
-    action = np.full((3, 6), 0.3)
-    assert "final_obs" not in envs.step(action)[4], "once at the goal is not yet arrived"
-    fell[2] = True
-    obs, _, terminated, truncated, infos = envs.step(action)
-    equal(terminated, [True, False, True])
-    equal(truncated, False)
-    equal(infos["_final_obs"], [True, False, True])
-    equal(infos["_final_info"], [True, False, True])
-    assert infos["final_info"].keys() == {"success", "fall", "timeout", "time"}
-    equal(infos["final_info"]["success"], [True, False, False])
-    equal(infos["final_info"]["fall"], fell)
-    close(infos["final_info"]["time"] / envs.world.engine.period, [1, 2, 2])
-    old = env.encode_goal(robot_model.relative(poses, goals))
-    for i in (0, 2):
-        close(infos["final_obs"][i, :8], old[i], atol=1e-6, err_msg=(
-            "final_obs is the LAST observation of the old episode"))
-        close(obs[i, 8:], np.tile(2 * envs.neutral_action - 1, 2), atol=1e-6, err_msg=(
-            "obs is the FIRST of the new one: nothing done yet"))
-        assert not np.allclose(obs[i, :8], old[i]), "a new goal is expected"
-        assert envs.world.steps[i] == 0
-    close(obs[1, :8], old[1], atol=1e-6)
-    close(obs[1, 8:], 2 * 0.3 - 1, atol=1e-6, err_msg="the last actions")
-    assert envs.world.steps[1] == 2
+    for fell in ([False] * 3, [False, False, True]):
+        monkeypatch.setattr(envs.world.sim, "run", lambda *_, f=fell: motion(poses, f))
+        obs, _, terminated, _, infos = envs.step(np.full((3, 6), 0.3))
+    for found in (terminated, infos["_final_obs"], infos["_final_info"]):
+        equal(found, [True, False, True], err_msg="one arrives, one walks on, one falls")
+    old, ended = env.encode_goal(robot_model.relative(poses, goals)), [0, 2]
+    close(infos["final_obs"][ended, :8], old[ended], atol=1e-6, err_msg=(
+        "final_obs is the LAST observation of the old episode"))
+    close(obs[ended, 8:], np.tile(2 * envs.neutral_action - 1, (2, 2)), atol=1e-6, err_msg=(
+        "obs is the FIRST of the new one: nothing done yet"))
+    assert (np.abs(obs[ended, :8] - old[ended]).max(1) > 0.01).all(), "a new goal is expected"
+    close(obs[1, :8], old[1], atol=1e-6, err_msg="this one walks on")
+    equal(envs.world.steps, [0, 2, 0])
 
 # ------------------------------------------------------------------------ the observation
 def test_goal_is_encoded_as_in_the_table():
@@ -192,13 +173,8 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     goals = np.random.default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (*shape, 3))
     encoded = env.encode_goal(goals)
     assert encoded.shape == (*shape, 8), "goals [..., 3] -> [..., 8]: write x as goal[..., 0]"
-    for i in np.ndindex(shape):
-        x, y, yaw = goals[i]
-        d, alpha = math.hypot(x, y), math.atan2(math.sin(yaw), math.cos(yaw))
-        want = [min(d, 2), max(-1, min(1, 2 * x)), max(-1, min(1, 2 * y)), x / d, y / d,
-                math.cos(yaw), math.sin(yaw), alpha / math.pi]
-        close(encoded[i], want, atol=1e-9, err_msg=(
-            f"goal {i} of {shape}: left and counter-clockwise are positive; goals must not mix"))
+    alone = [env.encode_goal(goal) for goal in goals.reshape(-1, 3)]
+    close(encoded.reshape(-1, 8), alone, atol=1e-9, err_msg=f"goals of {shape} must not mix")
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
@@ -311,15 +287,12 @@ def test_soles_never_touch_within_the_limits(sim, often):
     _, feet = engine.plan(beyond, [0])
     assert gap(feet[0, -1][:, [0, 1, 3]]) < 0, "beyond the limits the test should see an overlap"
 
-@pytest.mark.parametrize("kind, hand_in, name, shape", [
-    (env.FootstepEnv, lambda one, value: one.step(value), "actions", (6,)),
-    (partial(env.FootstepVectorEnv, 2, cores=1), lambda one, value: one.step(value),
-     "actions", (2, 6)),
-    (partial(env.FootstepVectorEnv, 2, cores=1),
-     lambda one, value: one.reset(options={"goals": value}), "goals", (2, 3)),
-], ids=["action", "actions", "goals"])
-def test_wrong_numbers_are_refused_and_change_nothing(make, kind, hand_in, name, shape):
-    one, untouched = (make(kind, noise=True) for _ in range(2))
+@pytest.mark.parametrize("hand_in, name, shape", [
+    (lambda one, value: one.step(value), "actions", (2, 6)),
+    (lambda one, value: one.reset(options={"goals": value}), "goals", (2, 3))],
+    ids=["actions", "goals"])
+def test_wrong_numbers_are_refused_and_change_nothing(make, hand_in, name, shape):
+    one, untouched = (make(env.FootstepVectorEnv, 2, noise=True, cores=1) for _ in range(2))
     good = np.full(shape, 0.5)
     nan, inf = good.copy(), good.copy()
     nan.flat[1], inf.flat[-1] = math.nan, -math.inf
@@ -409,20 +382,15 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
                     f"{name} of robot {i}: seen from the robot before and after this double step; "
                     "were the two exchanged, or was a noisy, an old or another goal taken?")
 
-@BOTH
-def test_reward_is_the_sum_of_its_terms_whatever_is_done(make, sim):
-    envs = make(env.FootstepVectorEnv, 8, sim, noise=True, imu=True, cores=1)
-    rng = np.random.default_rng(1)
-    obs, _ = envs.reset(seed=5, options={"goals": 9 * rng.normal(size=(8, 3))})
-    assert obs.shape == (8, 25) == (8, len(env.observation_table(imu=True)))
+def test_reward_is_the_sum_of_its_terms_whatever_is_done(make):
+    envs, rng = make(env.FootstepVectorEnv, 8, noise=True, cores=1), np.random.default_rng(1)
+    envs.reset(seed=5)
     for _ in range(8):
-        assert obs.dtype == np.float32 and envs.observation_space.contains(obs)
-        obs, reward, terminated, truncated, infos = envs.step(rng.random((8, 6)))
+        _, reward, terminated, _, infos = envs.step(rng.random((8, 6)))
         parts = infos["reward_terms"]
         assert list(parts) == ["r_d", "r_a", "r_o", "r_c", "r_fall", "r_goal", "r_time"]
         close(reward, np.sum(list(parts.values()), 0), atol=1e-12)
         equal(terminated, (parts["r_fall"] < 0) | (parts["r_goal"] > 0))
-        assert not (terminated & truncated).any(), "an episode has one end, not two"
 
 def test_going_in_circles_pays_nothing():
     rng, n = np.random.default_rng(4), 5
@@ -461,21 +429,18 @@ def discounted(poses, steps=0, fall=False, success=False):
     paid = env.reward_terms(poses[:-1], poses[1:], still, still, fall & last, success & last, TASK)
     return GAMMA**t @ sum(paid.values())
 
-GOALS = [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)]
-
-@BOTH
-@pytest.mark.parametrize("goal", GOALS, ids=str)
-def test_returns_rank_walking_before_standing_before_falling(sim, goal):
-    period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
+def test_returns_rank_walking_before_standing_before_falling():
+    period = walk_engine.WalkEngine(1, walk_engine.TUNED["mujoco"]).period
     patience = int(TASK.time_limit / period)  # double steps until the time-out
-    way = straight_walk(goal)
-    walked = discounted([*way, way[-1]], success=True)  # arrived: it stays for a double step
-    stood = discounted([goal], patience)
-    fell = discounted([goal, goal], fall=True)
-    loitered = discounted(straight_walk(goal, stop=0.06), patience)
-    assert walked > stood + 0.1, f"to the goal {walked:.2f}, standing still {stood:.2f}"
-    assert stood > fell + 0.1, f"standing still {stood:.2f}, falling at once {fell:.2f}"
-    assert walked > loitered + 0.1, f"finishing {walked:.2f}, waiting next to it {loitered:.2f}"
+    for goal in [(1, 0, 0), (3, 1, 2), (-1, -1, -1), (0.3, 0.2, 3), (-0.2, 0, 0.5)]:
+        way = straight_walk(goal)
+        walked = discounted([*way, way[-1]], success=True)  # arrived: it stays for a double step
+        stood = discounted([goal], patience)
+        fell = discounted([goal, goal], fall=True)
+        loitered = discounted(straight_walk(goal, stop=0.06), patience)
+        assert walked > stood + 0.1, f"{goal}: walking {walked:.2f}, standing still {stood:.2f}"
+        assert stood > fell + 0.1, f"{goal}: standing {stood:.2f}, falling at once {fell:.2f}"
+        assert walked > loitered + 0.1, f"{goal}: {walked:.2f}, waiting next to it {loitered:.2f}"
 
 # ------------------------------------------------------------------------ goals, noise and seeds
 def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
@@ -487,8 +452,6 @@ def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     assert 0.64 < share < 0.73, f"{share:.2f} of the goals turn by less than 90°"
     seven = env.draw_goals(env.stream("evaluation", 0), 7)
     equal(seven, goals[:7], err_msg="draw [count, 3], goal after goal")
-    near, far = (env.draw_goals(env.stream("tuning", 0), 9, far=far) for far in (False, True))
-    close(far, near * [2, 2, 1], err_msg="farther, and turned alike")
 
 def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
     world, goals = make(env.FootstepWorld, 1), []
@@ -515,22 +478,6 @@ def test_streams_are_separate_and_repeatable():
             "evaluation. Numbers: numpy ignores zeros at the end, (0, 0) is (0) to it")
     for key, values in drawn.items():
         equal(env.stream(*key).normal(size=4), values)
-
-def test_an_episode_is_drawn_by_the_first_generators_of_its_stream(make):
-    """As before there were pushes: in a first episode goal, world, noise and imu are the same."""
-    for staggered in (False, True):
-        envs = make(env.FootstepVectorEnv, 1, noise=True, imu=True, cores=1, staggered=staggered)
-        seen, _ = envs.reset(seed=5)
-        goal, ground, noise, imu = np.random.default_rng([1, 5]).spawn(4)
-        std = 1.0 if goal.random() < 0.5 else 0.5
-        want = goal.normal(size=3) * (std, std, math.pi / 2)
-        want[2] = env.wrap(want[2])
-        equal(envs.world.goal[0], want)
-        equal(envs.world.friction[0], ROBOT.friction + 0.3 * ground.uniform(-1, 1, 35)[0])
-        close(envs.world.estimate[0], want + 0.05 * noise.normal(size=3), atol=1e-9)
-        lean = envs.world.engine.parameters.trunk_pitch
-        tilt = np.array([0, lean, 0, 0, 0]) + imu.normal(size=5) * [0.02, 0.02, 0.1, 0.1, 0.1]
-        close(seen[0, 20:], tilt * [4, 4, 1, 1, 1], atol=1e-6)
 
 @pytest.mark.parametrize("sense, std", [("goal", [0.05] * 3), ("IMU", [0.02] * 2 + [0.1] * 3)])
 def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
@@ -593,27 +540,6 @@ def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
         close(goal[:, :2], seen[:n, :, :2].mean(0), atol=1e-6, err_msg=f"after {n} measurements")
         close(variance, 0.01 / n, rtol=1e-6, err_msg="the variance of a mean is noise² / n")
 
-def test_estimate_is_as_good_as_its_variance_says():
-    """Noise and drift of the task, 4000 robots: the true squared error is the variance stated."""
-    rng, n, drift = np.random.default_rng(1), 4000, np.array(TASK.drift)
-    noise = np.array([TASK.noise_m, TASK.noise_m, TASK.noise_rad])
-    for start, ahead in (([1.5, 0.2, 3.0], 0.06), ([3.0, 0, -3.0], 0.0)):  # near, with a lever
-        true, goal = np.tile(start, (n, 1)), np.zeros((n, 3))
-        variance, motion = goal + 1e12, np.tile([ahead, 0, 0.01], (n, 1))
-        for _ in range(20):
-            goal, variance = env.correct(
-                goal, variance, true + noise * rng.normal(size=(n, 3)), noise)
-            ends = robot_model.compose(motion, drift * rng.normal(size=(n, 3)))
-            true = robot_model.relative(ends, true)
-            goal, variance = env.predict(goal, variance, motion, TASK.drift)
-        for x, (squared, stated) in enumerate(zip(
-                (robot_model.wrap(goal - true) ** 2).mean(0), variance.mean(0))):
-            assert squared == pytest.approx(stated, rel=0.08), (
-                f"number {x} from {start}: stated {stated:.5f}, true {squared:.5f}; is the drift "
-                "added every time, and the gain V / (V + noise²)?")
-        if ahead:
-            assert (variance[:, :2].mean(0) < noise[:2] ** 2 / 2).all(), "far better than a look"
-
 @BOTH
 def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, monkeypatch, sim):
     envs, falls = make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1), np.zeros(3, bool)
@@ -640,14 +566,6 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
         "a new episode knows nothing of the last one's goal"))
     equal(envs.reset(seed=0, options={"goals": [[2.0, 0, 0]] * 3})[0], first)
     equal(world.estimate, before, err_msg="not even by rounding: a seed is an episode, to the bit")
-
-def test_without_noise_a_measurement_is_exact_whatever_was_estimated(make):
-    world = make(env.FootstepWorld, 2, cores=1)
-    world.reset([0, 1], [env.stream("training", i) for i in range(2)])
-    world.estimate[:], world.variance[:] = 7.0, 1e-9
-    for _ in range(2):
-        close(world.measure([0, 1]), world.relative_goal([0, 1]), atol=1e-12)
-        world.step(np.full((2, 6), 0.6), [0, 1])
 
 # ------------------------------------------------------------------------ pushes and the gyro
 def disturbances(make, monkeypatch, sim, push, steps, n=16, task=TASK, action=0.5, looks=1):
@@ -711,9 +629,8 @@ def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, mon
     for _ in range(250):
         world.reset(np.arange(4))
         offsets.extend(world.gyro_offset.copy())
-    share = np.array(offsets) / env.Spread().gyro  # [1000, 2]
-    assert np.abs(share).max() <= 1 and (np.quantile(share, [0.25, 0.75], 0) == pytest.approx(
-        np.array([[-0.5] * 2, [0.5] * 2]), abs=0.1)), "uniformly from −0.05 to 0.05 rad/s"
+    close(np.quantile(offsets, [0, 0.25, 0.75, 1], 0)[:, 0], [-0.05, -0.025, 0.025, 0.05],
+          atol=0.005, err_msg="uniformly from −0.05 to 0.05 rad/s")
 
 # ------------------------------------------------------------------------ ground and body
 def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
@@ -772,14 +689,11 @@ THREE, WILD = np.arange(3), np.random.default_rng(0).random((3, 6))
     ({"spread": Greedy()}, BODY),
     ({"first": lambda world: world.measure(THREE)}, {"noise of the goal"}),
     ({"first": lambda world: world.view(THREE, np.ones((3, 3)))}, {"noise of the IMU"}),
-    ({"first": lambda world: world.dice[0]["push"].random()}, set()),
-    ({"first": lambda world: world.dice[0]["gyro"].random()}, set()),
     ({"at_last": lambda world: world.measure(THREE)}, set()),
     ({"at_last": lambda world: world.view(THREE, np.ones((3, 3)))}, set()),
-    ({"at_last": lambda world: world.step(WILD, THREE)}, set()),
     ({"at_last": pushed_step}, set()),
-], ids=["goals", "friction", "one friction", "greedy", "look", "IMU", "push", "gyro",
-        "look before", "IMU before", "step before", "pushed before"])
+], ids=["goals", "friction", "one friction", "greedy", "look", "IMU",
+        "look before", "IMU before", "pushed before"])
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, change, may_change):
     def drawn(spread=env.Spread(), first=nothing, at_last=nothing, **given):
         """What two episodes of three robots draw, [2, 3, ...] by name."""
@@ -841,45 +755,38 @@ IN, OUT, FALL = "inside", "outside", "falls, inside"
     ([IN, OUT], "", 2), ([IN, OUT, IN], "", 3), ([IN, FALL], "fall", 2), ([FALL], "fall", 1)],
     ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value))
 def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
-    world, robots, others = make(env.FootstepWorld, 3, cores=1), np.array([2, 0]), np.array([1])
+    world, robots = make(env.FootstepWorld, 3, cores=1), np.array([2, 0])
     # It starts at its goal, which does not count as having been there.
     poses = {IN: [0, 0, 0], OUT: [0.2, 0, 0], FALL: [0, 0, 0]}
     for repeat in range(2):  # the second time: nothing is left of the first episode
         world.reset(np.arange(3), goals=[poses[IN]] * 3)
         for step, end in enumerate(ends, 1):
-            mine, his = np.array([poses[end], poses[OUT]]), np.array([poses[IN]])
-            falls = [end is FALL, False]
-            with monkeypatch.context() as patch:
-                patch.setattr(world.sim, "run", lambda *_, p=mine, f=falls: motion(p, f))
-                result = world.step(np.full((2, 6), 0.4), robots)
-                if step == 1:  # robot 1 is at the goal once and waits there
-                    patch.setattr(world.sim, "run", lambda *_, p=his: motion(p, [False]))
-                    assert not world.step(np.full((1, 6), 0.4), others)["success"].any()
+            both = motion(np.array([poses[end], poses[OUT]]), [end is FALL, False])
+            monkeypatch.setattr(world.sim, "run", lambda *_, both=both: both)
+            result = world.step(np.full((2, 6), 0.4), robots)
             got = [name for name in ("success", "fall", "timeout") if result[name][0]]
             assert got == ([want] if want and step == len(ends) else []), (
                 f"after double step {step} of {ends}: two in a row must end inside, and a fall "
                 f"in the second is a fall{', whatever the last episode was' * repeat}")
-            assert result["inside"].tolist() == [end is IN, False], "a fall wins"
+            equal(result["inside"], [end is IN, False], "of every robot by itself; a fall wins")
             assert result["reward_terms"]["r_goal"][0] == TASK.s_goal * ("success" in got)
             assert not result["success"][1], "a robot arrives for itself, not for another one"
         close(result["time"] / world.engine.period, [counted, len(ends)], err_msg=(
             "a success took the time to the FIRST of the two"))
 
 @pytest.mark.parametrize("x, yaw_deg, fell, want", [
-    (0.0, 0, False, "success"), (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"),
+    (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"), (0.0, 360, False, "success"),
     (0.051, 0, False, ""), (0.0, 10.1, False, ""), (0.0, -10.1, False, ""), (0.0, 180, False, ""),
-    (0.0, 360, False, "success"), (0.0, 0, True, "fall"), (1.0, 0, True, "fall")])
+    (0.0, 0, True, "fall")])
 def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, yaw_deg, fell, want):
     one = make(env.FootstepEnv, noise=True)  # noise must not matter: the true pose counts
     goal = np.array([0.7, -0.2, 1.0])
-    away = np.array([[x * 0.6, x * 0.8, math.radians(yaw_deg)]])
-    for seed in range(5):
+    end = goal + [[x * 0.6, x * 0.8, math.radians(yaw_deg)]]
+    for seed in range(3):
         one.reset(seed=seed, options={"goal": goal})
-        with monkeypatch.context() as patch:
-            for falls in (False, fell):  # two double steps that end there
-                patch.setattr(one.world.sim, "run",
-                              lambda *_, falls=falls: motion(goal + away, [falls]))
-                _, _, terminated, truncated, info = one.step(one.world.neutral_action)
+        for falls in (False, fell):  # two double steps that end there
+            monkeypatch.setattr(one.world.sim, "run", lambda *_, f=falls: motion(end, [f]))
+            _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), (
             "success: 5 cm AND 10°, of the true pose, angles wrapped, and a fall wins")
@@ -933,14 +840,6 @@ def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(mak
     assert len({*first}) > 4 and min(first) >= 1 and max(first) <= whole, "at different times"
     for one in steps:
         equal(np.diff(one), whole, err_msg="later episodes have the full time")
-    envs.reset(seed=1, options={"goals": where})
-    envs.world.age[:] = 4
-    for _ in range(2):
-        *_, infos = envs.step(np.full((8, 6), 0.5))
-    assert infos["final_info"]["success"].all()
-    close(infos["final_info"]["time"], envs.world.engine.period, err_msg=(
-        "the age shortens an episode; it is no part of a success's time"))
-    equal(envs.world.age, 0)
 
 # ------------------------------------------------------------------------ the planner by hand
 @BOTH
@@ -953,17 +852,3 @@ def test_demonstration_planner_reaches_goals(make, sim):
         success += result["success"].sum()
         walking = walking[~(result["success"] | result["fall"] | result["timeout"])]
     assert success > 4, f"the task must be solvable, but {success} of 8 reach their goals"
-
-def test_hand_written_planner_stays_within_half_of_the_limits():
-    goals = np.random.default_rng(10).normal(size=(500, 3)) * [2, 2, 2]
-    for limits in env.LIMITS.values():
-        actions = env.hand_written(goals, limits)
-        assert actions.shape == (500, 6) and (actions >= 0).all() and (actions <= 1).all()
-        steps = env.to_footsteps(actions, limits)  # [500, 2, 3]
-        # A turn of one foot is mirrored by the other, so both signs must fit within the smaller.
-        assert (np.abs(steps[..., 2]) <= -limits.low[2] / 2 + 1e-9).all()
-        assert (steps[..., :2] >= np.array(limits.low[:2]) / 2 - 1e-9).all()
-        assert (steps[..., :2] <= np.array(limits.high[:2]) / 2 + 1e-9).all()
-        outward = steps[..., 1]  # the leading foot steps aside, the other one follows
-        equal(outward[:, 0] > 1e-9, goals[:, 1] > 0)
-        equal(outward[:, 1] > 1e-9, goals[:, 1] < 0)

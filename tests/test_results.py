@@ -6,6 +6,7 @@ from importlib import import_module
 from itertools import product
 from pathlib import Path
 
+import baseline
 import common
 import judge
 import numpy as np
@@ -251,8 +252,8 @@ def test_the_opponents_were_tuned_by_a_rule(sim):
     chosen, = common.pick(found["finalists"], chosen=True)
     assert chosen["settings"] == vars(evaluate.TUNED[sim])
     assert found["trials"] >= 2000 and len(found["tried"]) >= 100
-    stays = chosen["still_there"] >= found["paper"]["still_there"]
-    assert ("none" in found["rule"]) == (not stays or chosen["fall"] > 0.005)
+    stays = chosen["still_there"] >= found["paper"]["still_there"] - baseline.LESS
+    assert ("none" in found["rule"]) == (not stays or chosen["fall"] > baseline.MAX_FALLS)
     assert (RESULTS / sim / "search.npz").stat().st_size <= 500_000
 
 def test_shipped_files_show_something_and_have_a_study():

@@ -152,12 +152,11 @@ def velocity(model, data):
 def test_compose_multiplies_matrices_and_relative_undoes_it():
     base, inner = np.random.default_rng(2).uniform(-1, 1, (2, 40, 3)) * [1, 1, 3]
     got = robot_model.compose(base, inner)
-    for a, b, c in zip(base, inner, got):
-        first, second, both = (matrix(0, 0, pose[2]) for pose in (a, b, c))
-        close(first @ second, both, atol=1e-12)
-        place = a[:2] + (first @ [b[0], b[1], 0])[:2]
-        close(c[:2], place, atol=1e-12, err_msg=(
-            "first turn the pose by the base's yaw, then add the base's place"))
+    (a, turn), (b, more), (c, both) = (  # places as x + i·y, turns as factors
+        (poses[:, 0] + 1j * poses[:, 1], np.exp(1j * poses[:, 2])) for poses in (base, inner, got))
+    close(both, turn * more, atol=1e-12)
+    close(c, a + turn * b, atol=1e-12, err_msg=(
+        "first turn the pose by the base's yaw, then add the base's place"))
     close(robot_model.relative(base, got), inner, atol=1e-12, err_msg=(
         "relative undoes compose: first subtract the base's place, then turn back, by −yaw"))
 
@@ -242,9 +241,8 @@ def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
     shortest, longest = np.linalg.norm(bent), ROBOT.thigh_length + ROBOT.shin_length
     for position, yaw, reach in (
             ([0, 0, -0.5], 0.0, longest), ([0.1, 0.05, -0.4], 0.3, longest),
-            ([-0.05, -0.02, -9.0], -0.2, longest), ([0, 0, -0.02], 0.0, shortest),
-            ([0.03, 0.0, -0.04], 0.0, shortest), ([0.01, 0.012, -0.03], 0.4, shortest),
-            ([0.02, -0.02, -0.01], -0.5, shortest)):
+            ([-0.05, -0.02, -9.0], -0.2, longest), ([0.03, 0.0, -0.04], 0.0, shortest),
+            ([0.01, 0.012, -0.03], 0.4, shortest), ([0.02, -0.02, -0.01], -0.5, shortest)):
         foot = matrix(0, 0, yaw)
         joints = robot_model.leg_inverse(ROBOT, np.array(position), foot)
         points, got = robot_model.leg_points(ROBOT, joints)
@@ -310,9 +308,6 @@ def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_si
 @BOTH
 def test_motors_cannot_push_a_joint_through_its_limit(make_sim, name):
     sim, limits = make_sim(name, 2), np.tile([ROBOT.joint_min, ROBOT.joint_max], 2)  # [2, 12]
-    if name == "mujoco":
-        assert sim.model.jnt_limited[1:].all(), "a joint turns without end"
-        close(sim.model.jnt_range[1:], limits.T, err_msg="[rad]: degrees?")
     sign = np.array([-1, 1])[:, None, None]
     far = still(name, 2, 1.0)
     far.joints[:, 1:] = limits[:, None] + 0.5 * sign
@@ -375,9 +370,9 @@ def test_robot_stands_where_it_was_put(make_sim, name):
     sim, (torso, joints) = make_sim(name, 2), stance(name)
     motion = sim.run(still(name, 2, 3.0), np.arange(2))
     assert not motion.fell.any()
-    sag = torso[2] - motion.torso[..., 2]
-    assert np.all(np.abs(sag) < 0.003), f"torso sags {1000 * sag} mm: motors too soft"
-    assert np.all(np.abs(motion.torso[..., [0, 1, 5]]) < 0.005), "it should stay at the origin"
+    off = np.abs(motion.torso - torso)[..., [0, 1, 2, 5]].max((0, 1))
+    assert (off < [0.005, 0.005, 0.003, 0.005]).all(), (
+        f"x, y, z, yaw are off by {off}: it should stay at the origin; do soft motors let it sag?")
     close(motion.joints, np.tile(joints, (2, 300, 1)), atol=0.02)
 
 @BOTH
@@ -431,11 +426,10 @@ def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
     tick = np.argmax(down[first])
     pieces = [sim.run(piece, [0])
               for piece in single_ticks(part(trajectory, [first], slice(0, tick + 2)))]
-    seen = [bool(piece.fell[0]) for piece in pieces]
-    assert seen == [False] * tick + [True], "a fall is seen in its very tick, and not earlier"
-    torso = np.concatenate([piece.torso[0] for piece in pieces])
-    close(torso, motion.torso[first, : tick + 1], atol=1e-9, err_msg=(
-        "a part of the state is forgotten between two runs"))
+    equal([piece.fell[0] for piece in pieces], down[first, : tick + 1], err_msg=(
+        "a fall is seen in its very tick, and not earlier"))
+    close([piece.torso[0, 0] for piece in pieces], motion.torso[first, : tick + 1], atol=1e-9,
+          err_msg="a part of the state is forgotten between two runs")
 
 # ---------------------------------------------------------------- the reflex
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
@@ -499,17 +493,6 @@ def test_a_push_gives_momentum_to_the_torso_while_it_lasts(make_sim, name):
             got[1] += MASS * ROBOT.gravity * 0.12  # it drops, and nothing pushes it up or down
         close(got, want[i], atol=0.01, err_msg="force·time, of this robot, in these ticks only")
     assert motion.spin[0, 1] > 0.1, "it is pushed above its hips, so it also turns"
-
-@BOTH
-def test_a_robot_without_reflex_does_not_notice_that_others_have_it(make_sim, name):
-    plans, standing = walking(name, 2, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
-    some, nobody = (make_sim(name, 2, standing=standing) for _ in range(2))
-    for plan in disturbed(plans):
-        plan.support[1] = 0
-        got = some.run(plan, np.arange(2))
-        want = nobody.run(replace(plan, support=0 * plan.support), np.arange(2))
-        assert_same_motion(got, want, 1, 1, "many short runs must equal a long one, bit by bit")
-    assert np.abs(got.torso[0] - want.torso[0]).max() > 1e-3, "the test should see a reflex"
 
 @BOTH
 def test_the_gyro_is_read_every_second_tick_also_by_a_delayed_robot(make_sim, monkeypatch, name):
@@ -682,21 +665,22 @@ def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
     sim.reset([2, 0], body)
     equal(sim.models[1].body_mass, like.body_mass, err_msg=(
         "robot 1 was not reset: it shares what robots 2 and 0 drew"))
+    links = [like.body(link).id for link in MUJOCO_LINKS]
+    motors = [like.actuator(joint).id for joint in MUJOCO_JOINTS]
+    turning = [like.joint(joint).dofadr[0] for joint in MUJOCO_JOINTS]
     for row, i in enumerate([2, 0]):
-        model = sim.models[i]
-        for link, factor in zip(MUJOCO_LINKS, body.mass[row]):
-            got, want = model.body(link), like.body(link)
-            assert got.mass == pytest.approx(factor * want.mass), link
-            close(got.inertia, factor * want.inertia, err_msg=(
-                f"{link}: the same shape and {factor:.2f} times as heavy"))
+        model, factor = sim.models[i], body.mass[row]
+        close(model.body_mass[links], factor * like.body_mass[links], err_msg=f"{MUJOCO_LINKS}")
+        close(model.body_inertia[links], factor[:, None] * like.body_inertia[links], err_msg=(
+            "the same shape, and so many times as heavy"))
         assert model.body("torso").subtreemass == pytest.approx(model.body_mass.sum()), (
             "what MuJoCo derives from the masses is old: mj_setConst")
-        for joint, factor, stiction in zip(MUJOCO_JOINTS, body.stiffness[row], body.stiction[row]):
-            motor, stiffness = model.actuator(joint), factor * ROBOT.stiffness
-            close((motor.gainprm[0], motor.biasprm[1]), (stiffness, -stiffness), err_msg=(
-                f"{joint}: τ = stiffness·(target − q); one without the other moves the zero"))
-            assert motor.biasprm[2] == like.actuator(joint).biasprm[2]
-            assert model.joint(joint).frictionloss == stiction, joint
+        stiffness = body.stiffness[row] * ROBOT.stiffness
+        close(model.actuator_gainprm[motors, 0], stiffness, err_msg=f"{MUJOCO_JOINTS}")
+        close(model.actuator_biasprm[motors, 1], -stiffness, err_msg=(
+            "τ = stiffness·(target − q); one without the other moves the zero"))
+        equal(model.actuator_biasprm[:, 2], like.actuator_biasprm[:, 2])
+        equal(model.dof_frictionloss[turning], body.stiction[row])
         assert not model.dof_frictionloss[:6].any(), "nothing holds the torso in the air"
         equal(model.pair_friction[:, :2], body.friction[row])
 
@@ -752,7 +736,8 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
 @BOTH
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     plans, standing = walking(name, 3, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
-    disturbed(plans)
+    for plan in disturbed(plans):
+        plan.support[2] = 0  # without reflex: alone it needs one long run instead of many
     cores = 2 if name == "mujoco" else 1, 1, 1  # planar robots in several processes: see below
     together, apart, fresh = sims = [make_sim(name, 3, k, standing) for k in cores]
     for sim in sims:

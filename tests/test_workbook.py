@@ -93,8 +93,8 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     mine = out / "04_ppo.py"
     mine.write_text("# a night's work\n")
     again = run(script, "--out", out, cwd=tmp_path)
-    assert again.returncode == 2 and mine.read_text() == "# a night's work\n"
-    assert len(again.stderr.splitlines()) == 1 and "--force" in again.stderr, again.stderr
+    line, = again.stderr.splitlines()
+    assert again.returncode == 2 and "--force" in line and mine.read_text() == "# a night's work\n"
     only = run(script, "--out", out, "--force", "--only", "gae", "quintic", cwd=tmp_path)
     assert only.returncode == 0, only.stderr
     stubs = {name: (out / name).read_text("utf-8").count("exercise: ") for name in files}
@@ -132,9 +132,10 @@ def test_an_empty_sheet_can_be_graded(tmp_path):
     assert set(reasons) <= {f"{name} is not written yet" for name in BOOK}, reasons
     assert not list(sheets.glob("__pycache__")), "nothing of ours in a student's folder"
 
-def test_a_submission_of_one_file_is_graded_from_any_folder(tmp_path):
-    submission(tmp_path / "alice smith", wrap=None, compose="return base + pose")
-    done = grade("alice smith", "-k", "wrap or compose or low_pass", cwd=tmp_path)
+def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
+    folder = submission(tmp_path / "alice smith", wrap=None, compose="return base + pose")
+    (folder / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
+    done = grade("alice smith", "-k", "wrap or compose or low_pass or gae", cwd=tmp_path)
     words = last_words(done)
     assert done.returncode == 1 and "grading" in done.stdout and "01_robot_model.py" in done.stdout
     assert re.search(r"^compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
@@ -143,19 +144,13 @@ def test_a_submission_of_one_file_is_graded_from_any_folder(tmp_path):
     assert re.search(r"^wrap ★: 0 of \d tests pass\n  - wrap is not written yet$", words,
                      re.MULTILINE), words
     assert "low_pass ★: not handed in, there is no 05_evaluate.py" in words
-    assert "alice smith: 0 of 3 exercises solved, 0 of 3 stars" in words
-    assert len(words.splitlines()) <= 12, "the hints come last, and in a few lines"
+    assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in words, "and others are graded"
+    assert "alice smith: 0 of 4 exercises solved, 0 of 5 stars" in words
+    assert len(words.splitlines()) <= 15, "the hints come last, and in a few lines"
 
 def test_the_command_of_the_sheets_works_word_for_word_from_the_root():
     done = run(*shlex.split(workbook.command("wrap", "tests/exercises"))[1:])
     assert "wrap ★: not handed in, there is no 01_robot_model.py" in last_words(done)
-
-@pytest.mark.slow
-def test_a_file_that_cannot_be_imported_is_told_at_last(tmp_path):
-    (tmp_path / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
-    done = grade(tmp_path, "-k", "gae")
-    assert done.returncode != 0
-    assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in last_words(done)
 
 @pytest.mark.parametrize("folder, mention", [("missing", "there is no such folder"),
                                              (".", "neither a stage")])
@@ -185,9 +180,6 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("AssertionError: mind the\n  sign\nassert 1 == 2") == "mind the sign"
     assert said("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
                 "Mismatched elements: 1 / 1 (100%)\nMax absolute") == "its sign"
-    assert said("AssertionError: \nArrays are not equal\nits sign\n(shapes (1,), (2,) mismatch)"
-                ) == "its sign"
-    assert said("NotImplementedError: exercise: gae") == "gae is not written yet"
     assert said("assert 1 == 2\n + where") == "gae is right[1.0]: assert 1 == 2"
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 

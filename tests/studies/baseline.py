@@ -4,7 +4,7 @@
 
 Cross-entropy method on the logarithms of the settings, near and far goals of the stream "tuning",
 with noise. Where it ends, TUNED of stage 05, and the best candidates walk to 2,000 other goals;
-`choose` takes the fastest that rarely falls and stays as often as the paper's, for TUNED.
+`choose` takes the fastest that rarely falls and stays about as often as the paper's.
 """
 
 from dataclasses import asdict, astuple, fields
@@ -21,6 +21,7 @@ SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICE = 200.0  # [s] of one fall per walk; of a time-out a quarter: our choice
 LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's; our choice
 MAX_FALLS = 0.005  # share of the walks
+LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
 Settings = evaluate.BaselineSettings
 NAMES = [entry.name for entry in fields(Settings) if entry.name != "share"]
 # From first trials in 3-D.
@@ -81,7 +82,7 @@ def choose(rows, paper):
     """The best of these facts, and by which rule; paper: facts of the paper's baseline."""
     safe = [row for row in sorted(rows, key=lambda row: row["time"] or np.inf)
             if row["fall"] <= MAX_FALLS]
-    stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"]]
+    stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"] - LESS]
     if stay:
         return stay[0], "the fastest of the safe ones that stay"
     if safe:
