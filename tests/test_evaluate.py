@@ -511,18 +511,16 @@ def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path
     assert given.friction.tolist() == [0.4] * 2, "--friction goes before what the file says"
 
 # ------------------------------------------------------------------------ which planners
-def test_your_own_policy_goes_before_the_shipped_one(short_trials):
-    save_untrained(Path("results/mujoco/policy.pt"), "mujoco")
+def test_your_own_policy_goes_before_the_shipped_one_and_rows_are_called_like_files(
+        short_trials, capsys):
     save_untrained(Path("runs/pymunk/policy.pt"), steps=20)
-    for sim, folder, steps in (("pymunk", "runs", 20), ("mujoco", "results", 10)):
-        planners, facts = evaluate.choose_planners(sim)
-        assert facts == {"file": f"{folder}/{sim}/policy.pt", "imu": False, "steps": steps,
-                         "minutes": 0.1, "seed": 0}
-        assert list(planners) == ["policy", "baseline_tuned", "baseline"]
-        assert planners["baseline"].settings == B, "those of the paper"
-        assert planners["baseline_tuned"].settings == evaluate.TUNED[sim] != B
-
-def test_rows_are_called_like_their_files(short_trials, capsys):
+    planners, facts = evaluate.choose_planners("pymunk")
+    assert facts == {"file": "runs/pymunk/policy.pt", "imu": False, "steps": 20,
+                     "minutes": 0.1, "seed": 0}
+    assert list(planners) == ["policy", "baseline_tuned", "baseline"]
+    assert planners["baseline"].settings == B, "those of the paper"
+    assert planners["baseline_tuned"].settings == evaluate.TUNED["pymunk"] != B
+    capsys.readouterr()
     policies = [save_untrained(Path(name), imu="imu" in name, steps=steps) for steps, name in
                 enumerate(("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt"))]
     mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
@@ -575,14 +573,6 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     path.write_text("open('no such file of mine')")
     with pytest.raises(FileNotFoundError, match="of mine"):  # it is no bad file
         call("--planner", path)
-
-def test_a_planner_may_import_what_lies_beside_it(short_trials):
-    """From another folder, too; and it lives in the main thread, where a debugger works."""
-    path = own_planner("a folder/mine.py", "import beside_mine")
-    path.with_name("beside_mine.py").write_text(
-        "import threading\n"
-        "assert threading.current_thread() is threading.main_thread()\n")
-    call("--planner", path, "--episodes", 1)
 
 # ------------------------------------------------------------------------ from end to end
 PLOT_FOOTSTEPS = evaluate.plot_footsteps  # before `short_trials` puts it aside
@@ -725,13 +715,3 @@ def test_the_robot_does_what_mouse_and_keys_say_until_the_window_closes(
     assert world.push == 1e-9, "--push is there while playing, too"
     assert worlds == [(1, "pymunk", False)], "of one robot"
     assert not evaluate.plt.fignum_exists(figure.number), "the story did not come to its end"
-
-def test_play_without_a_display_is_one_line(short_trials, monkeypatch, capsys):
-    def none(backend):
-        raise ImportError(f"Cannot load backend {backend!r}")
-
-    monkeypatch.setattr(evaluate.plt, "switch_backend", none)
-    with pytest.raises(SystemExit):
-        evaluate.main(["--play", "--out", "out"])
-    message, = capsys.readouterr().err.splitlines()
-    assert "--play needs a display" in message

@@ -41,15 +41,6 @@ def test_quintic_meets_its_six_boundary_conditions():
                 close(got, want[i, k], atol=1e-6, err_msg=(
                     f"{where}: position, velocity, acceleration; is c₂ = a₀/2? the powers of T?"))
 
-def test_polynomial_and_its_derivatives_equal_numpy():
-    c, t = np.random.default_rng(1).normal(size=(2, 3, 6)), np.linspace(-1, 1, 11)
-    for order in range(3):
-        got = walk_engine.polynomial(c, t, order)
-        assert got.shape == (2, 3, 11)
-        for i, k in product(range(2), range(3)):
-            want = np.polyval(np.polyder(c[i, k, ::-1], order), t)
-            close(got[i, k], want, atol=1e-12, err_msg=f"derivative {order}")
-
 def test_rest_to_rest_is_the_minimum_jerk_curve():
     tau = np.linspace(0, 1, 21)
     c = walk_engine.quintic([0, 0, 0], [2.0, 0, 0], 0.7)
