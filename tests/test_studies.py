@@ -104,6 +104,14 @@ def test_the_median_seed_is_neither_the_best_nor_the_worst():
             for seed, success, time in ((0, 1.0, 5.0), (1, 1.0, 6.0), (2, 0.9, None))]
     assert seeds.median_seed(rows) == 1, "by success first; then the slower one is the worse one"
 
+def test_no_robot_can_be_faster_than_the_least_time():
+    world = SimpleNamespace(task=env.Task(), limits=LIMITS, engine=SimpleNamespace(period=0.6))
+    ahead, aside, turn = 2 * 0.18, 0.15 + 0.04, 0.60 + 0.40  # of the longest double step
+    goals = [[0.04, 0, 0], [3 * math.hypot(ahead, aside) + 0.04, 0, 0],
+             [0, 3 * math.hypot(ahead, aside) + 0.06, 0], [0, 0, 2 * turn + 0.17],
+             [0, 0, -2 * turn - 0.18]]
+    close(seeds.least_time(np.array(goals), world), 0.6 * np.array([1, 3, 4, 2, 3]))
+
 # ------------------------------------------------------------------------ other worlds
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
@@ -508,19 +516,26 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
     paper = {"fall": 0.0, "time": 20.0, "still_there": 0.98}
     rows = [paper | {"time": 9.0}, paper | {"time": 8.0, "fall": 0.005},
-            paper | {"time": 7.0, "fall": 0.006}, paper | {"time": 6.0, "still_there": 0.979},
+            paper | {"time": 7.0, "fall": 0.006}, paper | {"time": 6.0, "still_there": 0.969},
             paper | {"time": None, "still_there": None}]
     best = baseline.choose(rows, paper)[0]
     assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
     safe, rule = baseline.choose(rows[2:4], paper)
     assert safe is rows[3] and "none" in rule, "none of the safe ones stays: the fastest of them"
 
-def test_tuning_tries_controllers_whose_feet_share(monkeypatch):
+def test_tuning_tries_all_settings_of_planners_that_use_them(monkeypatch):
     tried, row = [], {"time": 7.0, "fall": 0.0, "timeout": 0.0, "still_there": 1.0}
-    monkeypatch.setattr(baseline, "both", lambda world, planner, *_: tried.append(planner))
+    monkeypatch.setattr(baseline, "both", lambda world, values, *_: tried.append(values))
     monkeypatch.setattr(baseline, "facts", lambda ended: row)
-    _, end = baseline.optimise(None, row)
-    settings = [planner.settings for planner in tried] + [end]
-    assert settings[0] == baseline.START and all(one.share for one in settings)
-    for name in baseline.NAMES:
-        assert len({getattr(one, name) for one in settings}) > 100, f"{name} is not tuned"
+    baseline.optimise(None, tuple, baseline.START, row)
+    assert tried[0] == baseline.START
+    assert all(len(set(values)) > 100 for values in zip(*tried)), "one is not tuned"
+    carrot = baseline.carrot_of(tried[1])
+    assert vars(carrot.settings) == dict(zip(baseline.CARROT, tried[1])) | {"share": True}
+    goal, view = np.ones((1, 3)), env.FootstepWorld(1, cores=1).view([0], np.ones((1, 3)))
+    actions = []
+    for values in (tried[1], tried[2]):
+        planner = baseline.expert_of(values)
+        planner.reset(1)
+        actions.append(planner.act(view, np.array([0]), goal))
+    assert (actions[0] != actions[1]).any()

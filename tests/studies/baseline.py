@@ -1,20 +1,25 @@
-"""How good can the paper's baseline get? Both feet share its steps, all eight settings optimised.
+"""How good can planners get that do not learn? All their settings optimised, by one method.
 
-    python tests/studies/baseline.py [--mujoco] [--out FOLDER]
+    python tests/studies/baseline.py [--mujoco] [--only carrot | expert] [--out FOLDER]
 
-Cross-entropy method on the logarithms of the settings, near and far goals of the stream "tuning",
-with noise. Where it ends, TUNED of stage 05, and the best candidates walk to 2,000 other goals;
-`choose` takes the fastest that rarely falls and stays about as often as the paper's.
+carrot: the paper's baseline; both feet share its steps. expert: `tests/exercises/expert.py`.
+Cross-entropy method on the logarithms of eight settings, near and far goals of the stream "tuning",
+with noise. Where it ends, the settings in use, and the best candidates walk to 2,000 other goals;
+`choose` takes the fastest that rarely falls and stays about as often as the paper's baseline.
 """
 
-from dataclasses import asdict, astuple, fields
+import sys
+from dataclasses import asdict, fields
 
 import common
 import numpy as np
-from common import evaluate
+from common import RESULTS, ROOT, evaluate
 from tqdm import tqdm
 
-DURATION = "6 minutes on two cores; 3-D: 15 minutes"
+sys.path.append(str(ROOT / "tests" / "exercises"))
+import expert
+
+DURATION = "12 minutes on two cores; 3-D: 25 minutes"
 ITERATIONS, POPULATION, ELITE, FINALISTS = 8, 16, 4, 5
 WALKS = 64  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
@@ -23,9 +28,19 @@ LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's;
 MAX_FALLS = 0.005  # share of the walks
 LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
 Settings = evaluate.BaselineSettings
-NAMES = [entry.name for entry in fields(Settings) if entry.name != "share"]
-# From first trials in 3-D.
-START = Settings(0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25, share=True)
+CARROT = [entry.name for entry in fields(Settings) if entry.name != "share"]
+EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
+START = (0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25)  # of the carrot, from first trials in 3-D
+
+def carrot_of(values):
+    """The paper's controller with these settings, in the order of CARROT."""
+    return evaluate.BaselinePlanner(Settings(*values, share=True))
+
+def expert_of(values):
+    """The expert with these constants, in the order of EXPERT; there is one at a time."""
+    expert.TOP, expert.CHANGE = np.array(values[:3]), np.array(values[3:6])
+    expert.TOGETHER, expert.GAIN = values[6:]
+    return expert.Planner()
 
 def both(world, planner, first, sets, per_set=None):
     """Near and far walks of the tuning together, with noise."""
@@ -54,29 +69,28 @@ def cost(row, paper):
     leaves = max(0.0, paper["still_there"] - row["still_there"])
     return row["time"] + PRICE * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
 
-def optimise(world, paper):
+def optimise(world, planner_of, start, paper):
     """All candidates as (settings, facts, cost), and the settings where it ends."""
-    def settings_of(x):
-        return Settings(*(round(float(value), 4) for value in np.exp(x)), share=True)
+    def plain(x):
+        return [round(float(value), 4) for value in np.exp(x)]
 
     rng, tried = np.random.default_rng(0), []
-    mean = np.log([getattr(START, name) for name in NAMES])
-    spread = np.full(len(NAMES), 0.3)
+    mean = np.log(start)
+    spread = np.full(len(start), 0.3)
     for iteration in range(ITERATIONS):
-        drawn = mean + spread * rng.normal(size=(POPULATION, len(NAMES)))
+        drawn = mean + spread * rng.normal(size=(POPULATION, len(start)))
         drawn[0] = mean
         rows = []
         for x in tqdm(drawn, leave=False, unit=" candidates"):
-            planner = evaluate.BaselinePlanner(settings_of(x))
-            row = facts(both(world, planner, 1 + iteration, 1, WALKS))
-            rows.append((settings_of(x), row, cost(row, paper)))
+            row = facts(both(world, planner_of(plain(x)), 1 + iteration, 1, WALKS))
+            rows.append((plain(x), row, cost(row, paper)))
         costs = [row[2] for row in rows]
         best = np.argsort(costs)[:ELITE]
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.3 * spread + 0.7 * drawn[best].std(0)
         tried += rows
         print(f"{iteration}: mean {costs[0]:.2f} s, best {min(costs):.2f} s", flush=True)
-    return tried, settings_of(mean)
+    return tried, plain(mean)
 
 def choose(rows, paper):
     """The best of these facts, and by which rule; paper: facts of the paper's baseline."""
@@ -89,38 +103,47 @@ def choose(rows, paper):
         return safe[0], "none is safe and stays: the fastest that is safe"
     return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
-def plain(rows, best):
-    """Finalists as numbers."""
-    return [{key: value for key, value in row.items() if key != "planner"}
-            | {"chosen": row is best} for row in rows]
+def searched(world, planner_of, names, start, now, paper):
+    """The whole search; `start`, and the settings that are in use now: values by `names`."""
+    tried, end = optimise(world, planner_of, start, paper)
+    tried.sort(key=lambda row: row[2])
+    best_of_all = [values for values, *_ in tried[: FINALISTS - 2]]
+    rows = [{"settings": dict(zip(names, values)), **final(world, planner_of(values))}
+            for values in tqdm([end, now, *best_of_all], unit=" finalists")]
+    best, rule = choose(rows, paper)
+    print("chosen:", best["settings"])
+    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "paper": paper,
+            "finalists": [row | {"chosen": row is best} for row in rows],
+            "tried": [{"settings": values, **row} for values, row, _ in tried]}
 
-def study(args):
-    """The whole search."""
+def study_carrot(args):
+    """The settings TUNED of stage 05."""
+    now = [getattr(evaluate.TUNED[args.sim], name) for name in CARROT]
     with common.world(args.sim) as world:
         paper = final(world, evaluate.BaselinePlanner(Settings()))
-        tried, end = optimise(world, paper)
-        tried.sort(key=lambda row: row[2])
-        best_of_all = [settings for settings, *_ in tried[: FINALISTS - 2]]
-        rows = []
-        for settings in tqdm([end, evaluate.TUNED[args.sim], *best_of_all], unit=" finalists"):
-            planner = evaluate.BaselinePlanner(settings)
-            rows.append({"settings": asdict(settings), "planner": planner,
-                         **final(world, planner)})
-        best, rule = choose(rows, paper)
-    print(f"for TUNED: {args.sim!r}: {best['planner'].settings}")
-    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "paper": paper,
-            "finalists": plain(rows, best),
-            "tried": [{"settings": list(astuple(settings)), **row} for settings, row, _ in tried]}
+        return searched(world, carrot_of, CARROT, START, now, paper)
 
-PARTS = {"": study}
+def study_expert(args):
+    """The constants of the expert; they are those of 3-D."""
+    now = [*expert.TOP.tolist(), *expert.CHANGE.tolist(), expert.TOGETHER, expert.GAIN]
+    paper = common.read_json(RESULTS / args.sim / "studies/baseline.json")["carrot"]["paper"]
+    with common.world(args.sim) as world:
+        return searched(world, expert_of, EXPERT, now, now, paper)
+
+PARTS = {"carrot": study_carrot, "expert": study_expert}
 
 def table(found, sim):
-    """The paper's settings and the finalists."""
-    paper = {"settings": asdict(Settings()), "chosen": "paper", **found["paper"]}
-    columns = dict.fromkeys(NAMES, 2) | {"fall": 4, "timeout": 4, "time": 2, "still_there": 3,
-                                         "chosen": 0}
-    rows = [row | row["settings"] for row in [paper, *found["finalists"]]]
-    return f"{common.table(rows, columns)}\nChosen: {found['rule']}.\n"
+    """The finalists; of the carrot also the paper's settings."""
+    text = ""
+    paper = {"settings": asdict(Settings()), "chosen": "paper", **found["carrot"]["paper"]}
+    for part, names, first in (("carrot", CARROT, [paper]), ("expert", EXPERT, [])):
+        if part in found:
+            columns = dict.fromkeys(names, 2) | {
+                "fall": 4, "timeout": 4, "time": 2, "still_there": 3, "chosen": 0}
+            rows = [row | row["settings"] for row in [*first, *found[part]["finalists"]]]
+            text += (f"### {part}\n\n{common.table(rows, columns)}\n"
+                     f"Chosen: {found[part]['rule']}.\n\n")
+    return text
 
 if __name__ == "__main__":
     common.run("baseline")

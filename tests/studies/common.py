@@ -104,7 +104,8 @@ HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": 
          "over_expert": "time ÷ expert",
          "time_ratio": "time ÷ that without IMU", "seed": "training seed", "friction": "μ",
          "factor": "size of steps", "change": "largest change", "bare": "bare physics",
-         "speed": "Δv [m/s]", "seconds": "training [s]"}
+         "speed": "Δv [m/s]", "distance": "distance [m]", "least": "least possible [s]",
+         "seconds": "training [s]"}
 
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
@@ -167,9 +168,9 @@ def policy(path, sim):
     """The planner of a policy file."""
     return evaluate.load_policy(path, sim)[0]
 
-def world(sim, kind=env.FootstepWorld, **settings):
+def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, **settings):
     """`with` it: a FootstepWorld for `walks`."""
-    return contextlib.closing(kind(PER_SET, sim, **settings))
+    return contextlib.closing(kind(num_robots, sim, **settings))
 
 def without_reflex(world):
     """From now on the ankles do not answer the gyro; returns the world."""

@@ -1,10 +1,13 @@
-"""Does a result depend on the seed of the training, on the goals, or on an IMU?
+"""Does a result depend on the goals, on the seed of the training, or on an IMU?
 
-    python tests/studies/seeds.py [--mujoco] [--only seeds | pooled | imu] [--out FOLDER]
+    python tests/studies/seeds.py [--mujoco] [--only distances | pooled | seeds | imu]
+                                  [--out FOLDER]
 
-seeds: all trainings (five in 3-D, three on the plane) and their opponents; then the trainings on
-grounds of one friction. pooled: the shipped policy on evaluation seeds 120 to 129, walked once for
-every recipe that is shipped, after everything has been chosen: the next recipe takes 130 to 139. imu: three trainings with IMU against those without, from the same training seeds.
+distances: the shipped planners, to goals at distances from 0 to 6 m. pooled: the shipped policy on
+evaluation seeds 120 to 129, walked once for every recipe that is shipped, after everything has been
+chosen: the next recipe takes 130 to 139. seeds: all trainings (five in 3-D, three on the plane) and
+their opponents; then the trainings on grounds of one friction. imu: three trainings with IMU
+against those without, from the same training seeds.
 All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
 and so on, with `--imu` into imu/seeds/. The median of each kind, by success with noise and then by
 time, is the one to ship.
@@ -13,13 +16,15 @@ time, is the one to ship.
 from itertools import product
 
 import common
+import matplotlib.pyplot as plt
 import numpy as np
-from common import FEW, RESULTS, SEEDS, evaluate, pick
+from common import FEW, RESULTS, SEEDS, env, evaluate, pick
 
 DURATION = "50 minutes on two cores; 3-D: 3 hours"
 SETS, GROUND_SETS, POOLED_SETS = 4, 2, 10  # of 500 goals
 POOLED_FIRST = 120  # evaluation seed
 FRICTIONS = (0.4, 0.5, 0.7, 1.0)  # [-] μ
+DISTANCES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # [m]
 
 def trained(sim, seeds, kind="policy"):
     """The policies by name and training seed."""
@@ -62,7 +67,45 @@ def median_seed(rows):
     seeds = sorted({row["seed"] for row in rows}, key=rank)
     return seeds[len(seeds) // 2]
 
-# ------------------------------------------------------------------------ the three parts
+def least_time(goals, world):
+    """Time [n] in which no robot gets to goals [n, 3], even if every double step went as planned.
+
+    So many double steps are needed for the way, if all of them are the longest and lead straight
+    there, and so many for the turn: the larger number counts. (How near the goal must be is the
+    task's.)
+    """
+    task, (low, high) = world.task, np.array([world.limits.low, world.limits.high])
+    longest = np.hypot(2 * high[0], high[1] - low[1])  # [m] ahead and sideways
+    d, alpha, _ = env.polar(goals)
+    way = (d - task.success_m) / longest
+    turn = (np.abs(alpha) - task.success_rad) / (high[2] - low[2])
+    return world.engine.period * np.ceil(np.maximum(1, np.maximum(way, turn)))
+
+# ------------------------------------------------------------------------ the parts
+def study_distances(args, count=200):
+    """Each planner that races with the policy, to `count` goals at every distance, with noise."""
+    planners = {name: planner for (name, _), planner in opponents(args.sim).items()
+                if name in ("baseline_tuned", "expert")}
+    planners["policy"] = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
+    trials = evaluate.draw_trials(POOLED_FIRST, count * len(DISTANCES))
+    far = np.repeat(DISTANCES, count)
+    way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
+    trials.goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
+    rows = []
+    with common.world(args.sim, num_robots=len(far)) as world:
+        least = least_time(trials.goals, world)
+        for name, planner in planners.items():
+            ended = evaluate.evaluate(planner, world, trials, noise=True)
+            for distance in DISTANCES:
+                own = {key: value[far == distance] for key, value in ended.items()}
+                reached = own["outcome"] == "success"
+                rows.append({"planner": name, "distance": distance,
+                             "success": float(reached.mean()),
+                             "fall": float((own["outcome"] == "fall").mean()),
+                             "time_mean": float(own["time"][reached].mean()),
+                             "least": float(least[far == distance][reached].mean())})
+    return {"goals": count, "rows": rows}
+
 def study_seeds(args):
     """Every training and its opponents in every block, every training on every ground."""
     policies, ground = trained(args.sim, SEEDS[args.sim]), []
@@ -88,7 +131,8 @@ def study_imu(args):
     found = walked(args.sim, policies, (True,), POOLED_SETS)
     return {"median_seed": median_seed(pick(found["rows"], planner="policy_imu")), **found}
 
-PARTS = {"seeds": study_seeds, "pooled": study_pooled, "imu": study_imu}
+PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_seeds,
+         "imu": study_imu}
 
 def table(found, sim):
     """Markdown; square brackets: 95 % intervals over goals."""
@@ -98,15 +142,27 @@ def table(found, sim):
     end = {"success": 4, "fall": 4, "timeout": 4, "time_mean": 2, "still_there": 3,
            "over_baseline_tuned": 3, "over_search": 3, "over_expert": 3}
     return common.sections(found, {
+        "distances": {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2,
+                      "least": 2},
         "seeds": start | {"seed": 0} | end,
         "ground": {"goal_std_m": 1, "friction": 1, "seed": 0, "fall": 4},
         "pooled": start | {"falls": 0} | end,
         "imu": start | {"seed": 0, "falls": 0, "fall": 4, "time_mean": 2, "time_ratio": 3}})
 
 def plot(found, sim):
-    """Far goals on grounds of one friction."""
-    rows = pick(found["seeds"]["ground"], goal_std_m=1.0)
-    return common.dots(rows, "friction", "fall", f"Far goals by friction μ, with noise ({sim})")
+    """Time over the distance of the goal."""
+    rows = found["distances"]["rows"]
+    figure, axis = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    for name, style in (("policy", "o-"), ("expert", "s--"), ("baseline_tuned", "^:")):
+        own = pick(rows, planner=name)
+        axis.plot(DISTANCES, [row["time_mean"] for row in own], style, label=name)
+    axis.plot(DISTANCES, [row["least"] for row in own], color="0.5",
+              label="nobody can be faster (every step the longest)")
+    axis.set(xlabel="distance of the goal [m]", ylabel="mean time of the successes [s]",
+             title=f"Time over distance, any direction and yaw, with noise ({sim})", ylim=(0, None))
+    axis.legend()
+    axis.grid(alpha=0.3)
+    return figure
 
 if __name__ == "__main__":
     common.run("seeds")
