@@ -258,24 +258,28 @@ def wilson(count, total, z=1.96):
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
     return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
-def common_times(trials, reference):
-    """Times [s] of two planners, one per goal that both reached."""
-    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
-    return trials["time"][both], reference["time"][both]
-
 def time_ratio(trials, reference, resamples=2000):
-    """Mean time / mean time of another planner over the goals that both reached, the 95 % interval
-    of this ratio, and the number of these goals; None, None, 0 without such a goal.
+    """How the times of two planners compare over the goals that both reached, a dict:
+
+        goals                         how many these are; without one the dict is empty
+        time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
+        median                        of the ratios goal by goal
+        slower                        share of the goals that took longer than the reference
     """
-    ours, theirs = common_times(trials, reference)
-    if not len(ours):
-        return None, None, 0
+    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
+    if not both.any():
+        return {}
+    ours, theirs = trials["time"][both], reference["time"][both]
     # Paired bootstrap (resampling, not stage 4's bootstrapping): draw as many goals again, with
     # replacement. In pairs, because both planners need long for a far goal: this cancels in the
     # ratio.  pick [resamples, goals]
     pick = np.random.default_rng(0).integers(len(ours), size=(resamples, len(ours)))
     ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
-    return ours.mean() / theirs.mean(), np.percentile(ratios, [2.5, 97.5]), len(ours)
+    return {"goals": len(ours),
+            "time_ratio": ours.mean() / theirs.mean(),
+            "time_ratio_ci95": np.percentile(ratios, [2.5, 97.5]),
+            "median": np.median(ours / theirs),
+            "slower": np.mean(ours > theirs)}
 
 # ------------------------------------------------------------------------ pictures
 def arrows(axes, poses, color, length=0.08, **kw):
@@ -398,15 +402,9 @@ def compare(results):
     """Time ratios of every pair of planners; trials by (planner, noise, σ of the goals)."""
     ratios = []
     for one, other in itertools.permutations(results, 2):
-        if one[1:] == other[1:]:
-            ratio, interval, goals = time_ratio(results[one], results[other])
-            if goals:
-                ours, theirs = common_times(results[one], results[other])
-                ratios.append(dict(zip(("planner", "noise", "goal_std_m"), one)) | {
-                    "reference": other[0], "goals": goals, "time_ratio": round(ratio, 4),
-                    "time_ratio_ci95": np.round(interval, 4).tolist(),
-                    "median": rounded(np.median, ours / theirs),  # of the ratios, goal by goal
-                    "slower": rounded(np.mean, ours > theirs)})  # share of the goals
+        if one[1:] == other[1:] and (ratio := time_ratio(results[one], results[other])):
+            row = dict(zip(("planner", "noise", "goal_std_m"), one)) | {"reference": other[0]}
+            ratios.append(row | {name: np.round(x, 4).tolist() for name, x in ratio.items()})
     return ratios
 
 def rounded(number, values, digits=4):

@@ -175,14 +175,18 @@ def row_of(planner, noise, std, ended=FOUR):
 def test_time_ratio_uses_only_goals_that_both_reached():
     ours = trials(["success", "success", "fall"], [5, 10, 1])
     theirs = trials(["success", "success", "success"], [10, 20, 100])
-    ratio, (low, high), goals = evaluate.time_ratio(ours, theirs)
-    assert (ratio, goals) == (0.5, 2), "a fall's time must not count as a fast success"
-    assert low == high == 0.5, "paired: a goal's difficulty cancels out, resample goals, not times"
+    row = evaluate.time_ratio(ours, theirs)
+    assert (row["time_ratio"], row["goals"]) == (0.5, 2), (
+        "a fall's time must not count as a fast success")
+    assert [*row["time_ratio_ci95"]] == [0.5, 0.5], (
+        "paired: a goal's difficulty cancels out, resample goals, not times")
     far_ones = evaluate.time_ratio(trials(["success"] * 2, [5, 30]),
                                    trials(["success"] * 2, [10, 20]))
-    assert far_ones[0] == pytest.approx(35 / 30), "a ratio of the means, not a mean of the ratios"
+    assert far_ones["time_ratio"] == pytest.approx(35 / 30), (
+        "a ratio of the means, not a mean of the ratios")
+    assert far_ones["median"] == 1.0 and far_ones["slower"] == 0.5, "of 0.5 and 1.5"
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
-    assert evaluate.time_ratio(fell, reached) == (None, None, 0), "no goal in common: no ratio"
+    assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
 
 def test_planners_are_compared_goal_by_goal_too():
     one, other, key = ("a", True, 0.5), ("b", True, 0.5), ["success"] * 3 + ["fall"]
@@ -199,8 +203,9 @@ def test_time_ratio_s_interval_covers_the_truth():
     for _ in range(200):
         theirs = rng.uniform(5, 30, 90)
         ours = theirs * rng.uniform(0.3, 0.7, 90)  # 0.5 on average, whatever the goal
-        _, (low, high), _ = evaluate.time_ratio(trials(["success"] * 90, ours),
-                                                trials(["success"] * 90, theirs), resamples=300)
+        row = evaluate.time_ratio(trials(["success"] * 90, ours),
+                                  trials(["success"] * 90, theirs), resamples=300)
+        low, high = row["time_ratio_ci95"]
         covered.append(low <= 0.5 <= high)
     assert 0.89 <= np.mean(covered) <= 0.99, "2.5 and 97.5 % of resampled ratios of the means"
 

@@ -200,10 +200,9 @@ def row_of(ended, name, noise=True, far=False):
 
 def time_ratio(ended, reference, name):
     """More of a row: time relative to another planner's, nothing without a common success."""
-    ratio, interval, goals = evaluate.time_ratio(ended, reference)
-    if not goals:
-        return {}
-    return {name: round(ratio, 4), f"{name}_ci95": [round(edge, 4) for edge in interval]}
+    ratio = evaluate.time_ratio(ended, reference)
+    return {key.replace("time_ratio", name): np.round(ratio[key], 4).tolist()
+            for key in ("time_ratio", "time_ratio_ci95") if ratio}
 
 # ------------------------------------------------------------------------ pages
 def readme_table(rows):
