@@ -3,6 +3,7 @@
     python tests/exercises/predict.py circle               the return of walking in a circle
     python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
     python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
+    python tests/exercises/predict.py joints --mujoco      joints without friction
     python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
@@ -72,6 +73,21 @@ def reflex(sim):
         print(f"gain {gain:.2f} s: {standing(gain, plans, 0):.2f} of the random plans stood, "
               f"{standing(gain, forward, force):.2f} of the pushed walks")
 
+def joints(sim):
+    """Falls and times in 500 far walks with noise, if less is drawn than in the training."""
+    trials, nothing = evaluate.draw_trials(0, 500, far=True), env.Spread(0, 0, 0, 0, 0, 0)
+    policy, _ = evaluate.load_policy(evaluate.find(sim), sim)
+    planners = {"policy": policy, "tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim])}
+    for title, spread in {"as trained": env.Spread(), "no friction": env.Spread(stiction=0.0),
+                          "nothing drawn": nothing}.items():
+        world = env.FootstepWorld(500, sim, spread=spread)
+        for name, planner in planners.items():
+            ended = evaluate.evaluate(planner, world, trials, noise=True)
+            reached = ended["outcome"] == "success"
+            print(f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
+                  f"{ended['time'][reached].mean():.2f} s")
+        world.close()
+
 def filter_(sim):
     """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
     trials, world = evaluate.draw_trials(0, 100), env.FootstepWorld(100, sim)
@@ -85,7 +101,8 @@ def filter_(sim):
                   f"{ended['still_there'][reached].mean():.2f}")
     world.close()
 
-EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "filter": filter_}
+EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "joints": joints,
+               "filter": filter_}
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ
