@@ -78,6 +78,12 @@ def said_of_the_studies():
     near, far = (values(pooled["rows"], "falls", goal_std_m=std)[0] for std in (0.5, 1.0))
     yield (f"In {pooled['goals']:,} near and as many far walks the policy fell {near} and {far} "
            "times")
+    times = {name: values(seeds["distances"]["rows"], "time_mean", planner=name)
+             for name in ("policy", "expert", "baseline_tuned")}
+    first = np.sum(np.argmin([*times.values()], 0) == 0)
+    yield (f"The policy is the fastest of the three at {first} of {len(times['policy'])} distances."
+           " At 6 m it needs {:.1f} s, `expert` {:.1f} s and `baseline_tuned` {:.1f} s".format(
+               *(own[-1] for own in times.values())))
     pushed = {reflex: values(kicks["pushes"]["rows"], "fall", speed=0.4, planner="policy",
                              reflex=reflex)[0] for reflex in (True, False)}
     yield (f"pushed by 0.4 m/s every 3 s the policy falls in {share(pushed[True], 1)} of the far "
