@@ -135,9 +135,10 @@ PARTS = {"carrot": study_carrot, "expert": study_expert}
 def table(found, sim):
     """The finalists; of the carrot also the paper's settings."""
     text = ""
-    paper = {"settings": asdict(Settings()), "chosen": "paper", **found["carrot"]["paper"]}
-    for part, names, first in (("carrot", CARROT, [paper]), ("expert", EXPERT, [])):
+    for part, names in (("carrot", CARROT), ("expert", EXPERT)):
         if part in found:
+            paper = {"settings": asdict(Settings()), "chosen": "paper", **found[part]["paper"]}
+            first = [paper] * (part == "carrot")
             columns = dict.fromkeys(names, 2) | {
                 "fall": 4, "timeout": 4, "time": 2, "still_there": 3, "chosen": 0}
             rows = [row | row["settings"] for row in [*first, *found[part]["finalists"]]]
