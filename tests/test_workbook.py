@@ -195,14 +195,14 @@ def solution(name):
     return "\n".join(lines) + "\n"
 
 def changed(name, changes):
-    """That text after the changes of an entry of wrong.txt."""
+    """That text after the changes of an entry of wrong.txt or right.txt."""
     text, row = solution(name), BOOK[name]
     if " =>" not in changes:
         return sheet.replaced(text, row.functions[0], changes.splitlines(), row.since)
     for change in re.split(r"\n(?! )", changes):
         first, _, block = change.partition("\n")
         old, _, new = first.partition(" =>")
-        assert text.count(old) == 1, f"wrong.txt: “{old}” must stand once in {name}:\n{text}"
+        assert text.count(old) == 1, f"“{old}” must stand once in {name}:\n{text}"
         if new:
             text = text.replace(old, new.lstrip())
             continue
@@ -212,14 +212,20 @@ def changed(name, changes):
         text = text.replace(line, "".join(block))
     return text
 
-def wrong_solutions():
-    """[exercise, what is wrong, words that the grader must say, text] for wrong.txt."""
-    lines = [line for line in (FOLDER / "wrong.txt").read_text(encoding="utf-8").splitlines()
+def results_of(file, trains):
+    """[exercise, what is wrong or which way, words that the grader must say, what it says] of the
+    entries of wrong.txt or right.txt (without words); `trains`: of `improve`, or of all others."""
+    lines = [line for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
              if line and not line.startswith("#")]
+    entries = []
     for entry in re.split(r"\n(?! )", "\n".join(lines)):
         head, _, changes = entry.partition("\n")
-        name, what, words = re.fullmatch(r"(\w+): (.+) \| (.+)", head).groups()
-        yield name, what, words, changed(name, textwrap.dedent(changes))
+        entries.append((*re.fullmatch(r"(\w+): (.+?)(?: \| (.+))?", head).groups(""), changes))
+    assert {name for name, *_ in entries} == BOOK.keys(), f"every exercise has entries in {file}"
+    entries = [entry for entry in entries if (entry[0] == "improve") == trains]
+    said = graded([(name, {name: changed(name, textwrap.dedent(changes))}, words)
+                   for name, _, words, changes in entries])
+    return [(*entry[:3], texts) for entry, texts in zip(entries, said)]
 
 class Referee:
     """A plugin of pytest: runs the tests of an exercise once for each case, in one process.
@@ -274,15 +280,19 @@ def empty(names):
     """{exercise: text of its functions in an empty sheet}."""
     return {name: sheet.emptied(solution(name), BOOK[name]) for name in names}
 
-@pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
+TRAINS = pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
+
+@TRAINS
 def test_every_wrong_solution_is_rejected_with_words_that_fit(trains):
-    known = [*wrong_solutions()]
-    assert {name for name, *_ in known} == BOOK.keys(), "every exercise has wrong solutions"
-    entries = [entry for entry in known if (entry[0] == "improve") == trains]
-    results = graded([(name, {name: text}, words) for name, _, words, text in entries])
     problems = [f"{name}: “{what}” is not rejected with the words “{words}”, but with {said}"
-                for (name, what, words, _), said in zip(entries, results)
-                if not any(words in text for text in said)]
+                for name, what, words, said in results_of("wrong.txt", trains)
+                if not words or not any(words in text for text in said)]
+    assert not problems, "\n".join(problems)
+
+@TRAINS
+def test_every_right_solution_is_accepted_whichever_way_it_goes(trains):
+    problems = [f"{name}: “{what}” is right, but rejected with {said}"
+                for name, what, _, said in results_of("right.txt", trains) if said]
     assert not problems, "\n".join(problems)
 
 def test_every_emptied_function_is_rejected():
