@@ -34,7 +34,8 @@ def test_beta_density_integrates_to_one(alone, a, b):
     assert log_p.shape == x.shape[:1], "a number for each row of variables: SUM over axis −1"
     area = log_p.exp().sum().item() / 20_000
     assert area == pytest.approx(1.0, abs=2e-3), (
-        "the area below p(x) must be 1: is the normalisation ln B(α, β) wrong, is its sign, a term?")
+        "the area below p(x) must be 1: is the normalisation ln B(α, β) wrong, is its sign, or a "
+        "term?")
 
 def test_beta_log_prob_sums_over_the_variables():
     a, b, truth = some_shapes()
