@@ -131,7 +131,7 @@ class Grading:
 # What numpy and pytest write about the numbers that differ: where (or nothing), got, expected.
 NUMBERS = (r"^ \[([\d, ]+)\]: (.*) \(ACTUAL\), (.*) \(DESIRED\)$",
            r"^\(shapes (\(.*\)), (\(.*\)) mismatch\)$", r"^ ACTUAL: (.*)\n DESIRED: (.*)$",
-           r"^ +Obtained: (.*)\n +Expected: (.*)$", r"^ +(\d+) +\| (.*?) +\| (.*?) *$")
+           r"^ +Obtained: (.*)\n +Expected: (.*?)(?: ±.*)?$", r"^ +(\d+) +\| (.*?) +\| (.*?) *$")
 
 def hint(report):
     """What a failing test says, in a few words: its author's message, if there is one."""
@@ -152,6 +152,6 @@ def hint(report):
     words = report.nodeid.split("::")[-1].removeprefix("test_").replace("_", " ")
     said = " ".join(message.split()) or f"{words}: {text.partition(chr(10))[0] or 'failed'}"
     for found in filter(None, (re.search(numbers, text, re.M) for numbers in NUMBERS)):
-        *place, got, expected = found.groups()
+        *place, got, expected = (re.sub(r"(\.\d{7})\d+", r"\1", part) for part in found.groups())
         return f"{said} (got {got}, expected {expected}{''.join(f' at [{i}]' for i in place)})"
     return said

@@ -150,8 +150,8 @@ def test_goal_is_encoded_as_in_the_table():
     close(env.encode_goal(goal), want, atol=1e-6, err_msg=(
         "d, 2d·cos β, 2d·sin β, cos β, sin β, cos α, sin α, α/π; α is not β "
         "(for 0.3 m, β = 120°, α = −45°)"))
-    far = env.encode_goal(np.array([4.0, -3.0, math.pi * 1.5]))
-    assert far[0] == 2.0 and far[1] == 1.0 and far[2] == -1.0, "clipped: 2 m and ±1"
+    far = env.encode_goal(np.broadcast_to([4.0, -3.0, math.pi * 1.5], 3))
+    close(far[:3], [2, 1, -1], err_msg="clipped: 2 m and ±1 (for a goal at (4, −3))")
     assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
@@ -210,6 +210,7 @@ def test_actions_and_footsteps_are_inverse(sim):
         got = np.ravel(env.to_footsteps(shares, limits))
         close(got, want, atol=1e-6, err_msg=f"{SHARES} (for {shares.round(3)})")
     drawn = rng.uniform(limits.low, limits.high, (1000, 2, 3))
+    drawn.flags.writeable = False
     action = env.to_action(drawn, limits)
     assert action.shape == (1000, 6), "footsteps [..., 2, 3] -> actions [..., 6]"
     assert action.min() >= 0 and action.max() <= 1, "to_action: the low limit is 0, the high one 1"
@@ -217,11 +218,11 @@ def test_actions_and_footsteps_are_inverse(sim):
         "to_action is the inverse: what is within the limits is walked as asked for"))
     some = action[:6].reshape(2, 3, 6)
     assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"
-    neutral = env.to_action(np.zeros((2, 3)), limits)
+    neutral = env.to_action(np.broadcast_to(0.0, (2, 3)), limits)
     close(env.to_footsteps(neutral, limits), 0, atol=1e-6, err_msg=(
         "the neutral action steps on the spot; the middle, 0.5, does not"))
-    assert env.to_action(np.full((2, 3), 9.0), limits).max() == 1.0, "clipped to [0, 1]"
-    assert env.to_action(np.full((2, 3), -9.0), limits).min() == 0.0, "clipped to [0, 1]"
+    for step, want in (9.0, 1), (-9.0, 0):
+        close(env.to_action(np.full((2, 3), step), limits), want, err_msg="clipped to [0, 1]")
 
 def sole_corners(feet, side):
     """The four corners [..., 4, 2] of soles; feet [..., 3] (x, y, yaw) of ankles, side +1: left."""
@@ -332,8 +333,8 @@ def test_the_scalars_of_the_reward_are_those_of_the_ledger():
 
 @pytest.mark.parametrize("task", [TASK, OTHER], ids=["task", "another task"])
 def test_reward_formulas_of_every_robot_are_those_by_hand(task):
-    rng, n = np.random.default_rng(8), 6
-    before, after = rng.uniform([-1, -1, -6], [1, 1, 6], (2, n, 3))  # beyond a turn: α is wrapped
+    rng, n = np.random.default_rng(8), 6  # yaws beyond a turn: α is wrapped
+    before, after = np.broadcast_to(rng.uniform([-1, -1, -6], [1, 1, 6], (2, n, 3)), (2, n, 3))
     action, last = rng.random((2, n, 6))
     fall = np.array([True, False, False, True, False, False])
     success = np.array([False, True, False, False, True, False])

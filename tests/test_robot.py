@@ -251,7 +251,7 @@ def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
             ([-0.05, -0.02, -9.0], -0.2, longest), ([0.03, 0.0, -0.04], 0.0, shortest),
             ([0.01, 0.012, -0.03], 0.4, shortest), ([0.02, -0.02, -0.01], -0.5, shortest)):
         foot = robot_model.rotation(*np.array([0, 0, yaw]))
-        joints = robot_model.leg_inverse(ROBOT, np.array(position), foot)
+        joints = robot_model.leg_inverse(ROBOT, np.broadcast_to(position, 3), foot)
         points, got = robot_model.leg_points(ROBOT, joints)
         want = np.array(position) / np.linalg.norm(position) * reach
         side = ("too far: a straight leg" if reach == longest else
@@ -370,7 +370,7 @@ def test_fall_means_half_the_height_or_45_degrees():
         got = robot_model.fallen(np.tile(torso, (2, 3, 1)), standing)
         assert np.shape(got) == (2, 3) and (got == fell).all(), (
             f"height {height:.2f} m of {standing} m, roll {roll}°, pitch {pitch}° is "
-            f"{'a' if fell else 'no'} fall: cos(tilt) = cos roll · cos pitch")
+            f"{'a' if fell else 'no'} fall" + any((roll, pitch)) * ": cos tilt = cos roll·cos pitch")
 
 # ---------------------------------------------------------------- standing and falling
 @BOTH
@@ -451,11 +451,11 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     want = np.zeros((2, 12))
     want[0, [5, 4]] = 0.05 * (0.6 - 0.2), 0.05 * (0.8 + 0.5)
     want[1, [11, 10]] = 0.1 * (0.6 - 0.2), 0.1 * (0.8 + 0.5)
-    close(got[0], want, atol=1e-12, err_msg=(
+    close(got[0], want, atol=1e-7, err_msg=(
         "added = gain·(true rate + error of the gyro − planned rate): x to the roll, y to the "
         "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"))
     got = robot_model.reflex(robot, plan, 2, 3, np.array([[0.5, 1.0]]))
-    close(got[0, 0, [5, 4]], [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)], atol=1e-12, err_msg=(
+    close(got[0, 0, [5, 4]], [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)], atol=1e-7, err_msg=(
         "planned rate = change of the lean / time: here it is a single tick"))
 
 def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
@@ -463,7 +463,7 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan.support[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
     got = robot_model.reflex(ROBOT, plan, 0, 2, np.array([[7, 99], [-99, 0], [1.0, 99]]))
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
-    close(got[..., [5, 4, 11, 10]], np.tile(want[:, None], (2, 2)), atol=1e-12, err_msg=(
+    close(got[..., [5, 4, 11, 10]], np.tile(want[:, None], (2, 2)), atol=1e-7, err_msg=(
         "what is ADDED is limited, to either side; not the rate"))
 
 @BOTH

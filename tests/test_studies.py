@@ -419,7 +419,7 @@ def test_look_up_is_linear_between_cells(small_map):
     close(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-3, err_msg=(
         "value[yaw, x, y]: on a cell V is that of the cell; between them it is the mean of the "
         "eight corners by their shares, so a slanted plane stays one"))
-    close(search.look_up(plane, np.array([9.0, -9.0, 1.0])), 12, atol=1e-3, err_msg=(
+    close(search.look_up(plane, np.broadcast_to([9.0, -9.0, 1.0], 3)), 12, atol=1e-3, err_msg=(
         "Beyond the map V is that of its edge: clip x and y, not the cell only"))
     value = rng.uniform(0, 9, (8, 7, 7))
     middle = search.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
