@@ -370,7 +370,7 @@ def test_fall_means_half_the_height_or_45_degrees():
         got = robot_model.fallen(np.tile(torso, (2, 3, 1)), standing)
         assert np.shape(got) == (2, 3) and (got == fell).all(), (
             f"height {height:.2f} m of {standing} m, roll {roll}°, pitch {pitch}° is "
-            f"{'a' if fell else 'no'} fall" + any((roll, pitch)) * ": cos tilt = cos roll·cos pitch")
+            f"{('no', 'a')[fell]} fall" + any((roll, pitch)) * ": cos(tilt) = cos roll · cos pitch")
 
 # ---------------------------------------------------------------- standing and falling
 @BOTH
