@@ -120,12 +120,18 @@ class Grading:
                 write(f"{head}: solved, {passed} of {passed} tests pass", green=1)
             else:
                 write(f"{head}: {passed} of {len(results)} tests pass", red=1)
-                for text in list(dict.fromkeys(filter(None, results)))[:4]:
+                said = {re.sub(r" \((for|got) .*", "", text): text for text in results if text}
+                for text in [*said.values()][:4]:
                     write(f"  - {text}")
                 write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
         total = sum(BOOK[name].stars for name in self.results)
         write(f"{self.folder.name}: {solved} of {len(self.results)} exercises solved, "
               f"{stars} of {total} stars")
+
+# What numpy and pytest write about the numbers that differ: where (or nothing), got, expected.
+NUMBERS = (r"^ \[([\d, ]+)\]: (.*) \(ACTUAL\), (.*) \(DESIRED\)$",
+           r"^\(shapes (\(.*\)), (\(.*\)) mismatch\)$", r"^ ACTUAL: (.*)\n DESIRED: (.*)$",
+           r"^ +Obtained: (.*)\n +Expected: (.*?)(?: ±.*)?$", r"^ +(\d+) +\| (.*?) +\| (.*?) *$")
 
 def hint(report):
     """What a failing test says, in a few words: its author's message, if there is one."""
@@ -138,9 +144,14 @@ def hint(report):
         return where + re.sub(r"^E\s*", "", text.splitlines()[-1])
     text = crash.message.removeprefix("AssertionError").removeprefix(":").strip()
     text = re.sub(r"^NotImplementedError: exercise: (\w+)", r"\1 is not written yet", text)
+    text = re.sub(r"^ValueError: .* is read-only", "what is given must not be written to", text)
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |\(shapes| ACTUAL)", text, flags=re.M)[0]
     # Without a message: what the test is called, and what it found.
     words = report.nodeid.split("::")[-1].removeprefix("test_").replace("_", " ")
-    return " ".join(message.split()) or f"{words}: {text.partition(chr(10))[0] or 'failed'}"
+    said = " ".join(message.split()) or f"{words}: {text.partition(chr(10))[0] or 'failed'}"
+    for found in filter(None, (re.search(numbers, text, re.M) for numbers in NUMBERS)):
+        *place, got, expected = (re.sub(r"(\.\d{7})\d+", r"\1", part) for part in found.groups())
+        return f"{said} (got {got}, expected {expected}{''.join(f' at [{i}]' for i in place)})"
+    return said

@@ -50,7 +50,8 @@ def test_gae_equals_the_double_sum(lam):
     assert (terminated & truncated).any(), "the test should contain steps that are both"
     never = np.zeros((steps, robots), bool)
     for rows, fall, cut, hint in (
-            (1, never, never, "a single step: A = δ = r + γ·V(s') − V(s)"),
+            (1, never, never, "a single step: A = δ = r + γ·V(s') − V(s), not the critic's target, "
+                              "which is without minus V(s), and not normalised"),
             (steps, never, never, "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
                                   "backward; V(s'_t) is next_values[t]"),
             (steps, terminated, truncated, "does a fall zero V(s'), and do a fall AND a cut-off "
@@ -64,20 +65,26 @@ def test_gae_equals_the_double_sum(lam):
 def test_gae_never_looks_at_the_value_behind_a_fall():
     one = torch.ones(1, 1)
     fall = torch.ones(1, 1, dtype=torch.bool)
-    advantage = ppo.gae(one, one, one * torch.nan, fall, ~fall, 0.9, 0.95)
-    assert advantage.item() == 0.0, "0·nan is nan: select with torch.where instead of multiplying"
+    advantage = ppo.gae(one, one, one * torch.nan, fall, ~fall, 0.9, 0.95).item()
+    assert not math.isnan(advantage), "0·nan is nan: select with torch.where instead of multiplying"
+    assert advantage == pytest.approx(0), "a fall at once, r = 1 and V(s) = 1: A = r − V(s) = 0"
 
 def test_clipped_objective_truth_table():
     table = [  # ratio, advantage, what may be gained with ε = 0.2
         (1.0, 2.0, 2.0), (1.5, 2.0, 2.4), (0.5, 2.0, 1.0),
         (1.0, -2.0, -2.0), (1.5, -2.0, -3.0), (0.5, -2.0, -1.6)]
     ratio, advantage, want = torch.tensor(table).T
-    got = ppo.clipped_objective(ratio, advantage, 0.2)
+    got = ppo.clipped_objective(ratio.requires_grad_(), advantage, 0.2)
     assert got.shape == (6,), "a number per sample: the mean is taken later"
-    assert torch.allclose(got[ratio == 1], want[ratio == 1]), (
+    assert not torch.allclose(got, -want), (
         "at ρ = 1 the objective is A itself: is there a minus too many?")
-    assert torch.allclose(got, want), (
-        "take the minimum of both products; clipping the ratio alone forgives bad moves")
+    close(got.detach(), want, rtol=1e-5, err_msg=(
+        "take the minimum of both products; clipping the ratio alone forgives bad moves "
+        f"(for {table})"))
+    assert got.requires_grad, "no gradient comes through: neither detach nor NumPy"
+    got.sum().backward()
+    close(ratio.grad, [2, 0, 2, -2, -2, 0], err_msg=(
+        "the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε"))
     assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
         "ε is the argument `clip`, not always 0.2")
 
@@ -129,15 +136,17 @@ def test_the_decision_is_the_mean(alpha, beta):
         model.double()
 
 def test_first_policy_is_around_first_action():
-    first, obs = [0.2, 0.5, 0.8], np.random.default_rng(0).normal(size=(100, 4))
+    obs = np.random.default_rng(0).normal(size=(100, 4))
     torch.manual_seed(0)
-    model = ppo.ActorCritic(4, 3, first_action=first)
-    decided = model.decide(obs)
-    assert decided.shape == (100, 3) and decided.dtype == np.float32
-    with torch.no_grad():
-        mode = model.policy(torch.tensor(obs, dtype=torch.float32)).mode
-    close(mode, np.tile(first, (100, 1)), atol=0.02, err_msg=(
-        "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights small"))
+    for first in 0.3, [0.2, 0.5, 0.8]:  # one number for all of an action, or a number each
+        model = ppo.ActorCritic(4, 3, first_action=first)
+        decided = model.decide(obs)
+        assert decided.shape == (100, 3) and decided.dtype == np.float32
+        with torch.no_grad():
+            mode = model.policy(torch.tensor(obs, dtype=torch.float32)).mode
+        close(mode, np.broadcast_to(first, (100, 3)), atol=0.02, err_msg=(
+            "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights "
+            f"small (for first_action = {first})"))
     for concentration in (3.0, 10.0, 50.0):
         model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
         with torch.no_grad():

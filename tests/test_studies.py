@@ -173,14 +173,15 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
     moving = sum(walk.PATTERN) * 0.5  # [s]
     ways = (np.arange(levels) + 1) / levels
     ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
-    poses = np.zeros((4 * levels, count + 1, 3))
+    poses = np.full((4 * levels, count + 1, 3), 3.0)  # not from the world's origin
+    poses[:, -1] = 9  # and aside
     fall = np.full(4 * levels, count)
     for i, axis in enumerate((0, 0, 1, 2)):  # every walk moves its way
-        poses[i * levels : (i + 1) * levels, -1, axis] = (1, -1, 1, 1)[i] * ways
+        poses[i * levels : (i + 1) * levels, -1, axis] = 3 + (1, -1, 1, 1)[i] * ways
     forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
     assert forward == pytest.approx(1 / moving), (
-        "its way by the time of all double steps that are not on the spot: sum(PATTERN) · period, "
-        "not len(PATTERN) · period")
+        "its way along its axis, from its first pose on, by the time of all double steps that are "
+        "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period")
     fall[4::levels] = 2  # level 5 falls
     for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
         assert speed == pytest.approx(ways[2] / moving), (
@@ -418,6 +419,8 @@ def test_look_up_is_linear_between_cells(small_map):
     close(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-3, err_msg=(
         "value[yaw, x, y]: on a cell V is that of the cell; between them it is the mean of the "
         "eight corners by their shares, so a slanted plane stays one"))
+    close(search.look_up(plane, np.broadcast_to([9.0, -9.0, 1.0], 3)), 12, atol=1e-3, err_msg=(
+        "Beyond the map V is that of its edge: clip x and y, not the cell only"))
     value = rng.uniform(0, 9, (8, 7, 7))
     middle = search.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
     assert middle == pytest.approx(value[:2, 3:5, 2:4].mean()), "the mean of the eight corners"

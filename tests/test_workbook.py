@@ -179,7 +179,11 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
 
     assert said("AssertionError: mind the\n  sign\nassert 1 == 2") == "mind the sign"
     assert said("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
-                "Mismatched elements: 1 / 1 (100%)\nMax absolute") == "its sign"
+                "Mismatched elements: 1 / 2 (50%)\nMismatch at index:\n [1]: -3.0 (ACTUAL), 3.0 "
+                "(DESIRED)\nMax absolute") == "its sign (got -3.0, expected 3.0 at [1])"
+    assert said("AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
+                "  Obtained: -3.0\n  Expected: 3.0") == "its sign (got -3.0, expected 3.0)"
+    assert said("ValueError: output array is read-only") == "what is given must not be written to"
     assert said("assert 1 == 2\n + where") == "gae is right[1.0]: assert 1 == 2"
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
@@ -195,14 +199,14 @@ def solution(name):
     return "\n".join(lines) + "\n"
 
 def changed(name, changes):
-    """That text after the changes of an entry of wrong.txt."""
+    """That text after the changes of an entry of wrong.txt or right.txt."""
     text, row = solution(name), BOOK[name]
     if " =>" not in changes:
         return sheet.replaced(text, row.functions[0], changes.splitlines(), row.since)
     for change in re.split(r"\n(?! )", changes):
         first, _, block = change.partition("\n")
         old, _, new = first.partition(" =>")
-        assert text.count(old) == 1, f"wrong.txt: “{old}” must stand once in {name}:\n{text}"
+        assert text.count(old) == 1, f"“{old}” must stand once in {name}:\n{text}"
         if new:
             text = text.replace(old, new.lstrip())
             continue
@@ -212,14 +216,20 @@ def changed(name, changes):
         text = text.replace(line, "".join(block))
     return text
 
-def wrong_solutions():
-    """[exercise, what is wrong, words that the grader must say, text] for wrong.txt."""
-    lines = [line for line in (FOLDER / "wrong.txt").read_text(encoding="utf-8").splitlines()
+def results_of(file, trains):
+    """[exercise, what, words that the grader must say ("": it accepts), what it says] of the
+    entries of wrong.txt or right.txt; `trains`: those of `improve`, or all others."""
+    lines = [line for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
              if line and not line.startswith("#")]
+    entries = []
     for entry in re.split(r"\n(?! )", "\n".join(lines)):
         head, _, changes = entry.partition("\n")
-        name, what, words = re.fullmatch(r"(\w+): (.+) \| (.+)", head).groups()
-        yield name, what, words, changed(name, textwrap.dedent(changes))
+        entries.append((*re.fullmatch(r"(\w+): (.+?)(?: \| (.+))?", head).groups(""), changes))
+    assert {name for name, *_ in entries} == BOOK.keys(), f"every exercise has entries in {file}"
+    entries = [entry for entry in entries if (entry[0] == "improve") == trains]
+    said = graded([(name, {name: changed(name, textwrap.dedent(changes))}, words)
+                   for name, _, words, changes in entries])
+    return [(name, what, words, texts) for (name, what, words, _), texts in zip(entries, said)]
 
 class Referee:
     """A plugin of pytest: runs the tests of an exercise once for each case, in one process.
@@ -274,15 +284,12 @@ def empty(names):
     """{exercise: text of its functions in an empty sheet}."""
     return {name: sheet.emptied(solution(name), BOOK[name]) for name in names}
 
+@pytest.mark.parametrize("file", ["wrong.txt", "right.txt"])
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_every_wrong_solution_is_rejected_with_words_that_fit(trains):
-    known = [*wrong_solutions()]
-    assert {name for name, *_ in known} == BOOK.keys(), "every exercise has wrong solutions"
-    entries = [entry for entry in known if (entry[0] == "improve") == trains]
-    results = graded([(name, {name: text}, words) for name, _, words, text in entries])
-    problems = [f"{name}: “{what}” is not rejected with the words “{words}”, but with {said}"
-                for (name, what, words, _), said in zip(entries, results)
-                if not any(words in text for text in said)]
+def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(file, trains):
+    problems = [f"{name}: “{what}” must get “{words or 'no complaint'}”, but gets {said}"
+                for name, what, words, said in results_of(file, trains)
+                if not (any(words in text for text in said) if words else not said)]
     assert not problems, "\n".join(problems)
 
 def test_every_emptied_function_is_rejected():
