@@ -199,18 +199,20 @@ def study(args):
                 planner = planners[factor, change] = Planner((*found, change))
                 ended = baseline.both(world, planner, 1, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
-        paper = baseline.final(world, common.opponents(args.sim)["baseline"])
+        paper = common.read_json(
+            common.RESULTS / args.sim / "studies/baseline.json")["carrot"]["paper"]
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
         rows = []
         for row in tried[:FINALISTS]:
             planner = planners[row["factor"], row["change"]]
-            rows.append(row | {"planner": planner, **baseline.final(world, planner)})
+            rows.append(row | baseline.final(world, planner))
         best, rule = baseline.choose(rows, paper)
     path = args.out.parent / "search.npz"
-    write_map(path, args.sim, best["factor"], best["planner"].known)
+    known = planners[best["factor"], best["change"]].known
+    write_map(path, args.sim, best["factor"], known)
     print("written:", path)
     return {"trials": 2 * baseline.SETS * common.PER_SET, "rule": rule, "tried": tried,
-            "finalists": baseline.plain(rows, best)}
+            "finalists": [row | {"chosen": row is best} for row in rows]}
 
 PARTS = {"": study}
 
