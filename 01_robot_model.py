@@ -75,6 +75,9 @@ os.environ["MPLBACKEND"] = "Agg"  # figures are drawn into files, without a scre
 import matplotlib.pyplot as plt
 import numpy as np
 import pymunk.batch
+from matplotlib.colors import to_rgb
+
+plt.rcParams.update({"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True})
 
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
@@ -766,15 +769,71 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 # ------------------------------------------------------------------------ demonstration
-def draw_robot(axis, robot, torso, joints, alpha=1.0):
-    """The robot from the side: torso [6] and joints [12] as measured."""
-    points, _ = body_points(robot, torso, joints)  # [2, 5, 3]
-    up = rotation(*torso[3:]) @ np.array([0, 0, 0.3])  # [m] as long as the real torso
-    back = np.array([points[:, 0].mean(0), torso[:3] + up])  # from between the hips
-    axis.plot(back[:, 0], back[:, 2], color="0.75", lw=14, alpha=alpha, solid_capstyle="butt")
-    for leg in (RIGHT, LEFT):  # hip, knee, ankle, heel, toe, ankle; the right leg shows as a rim
-        x, _, z = points[leg, [0, 1, 2, 3, 4, 2]].T
-        axis.plot(x, z, color=COLORS[leg], alpha=alpha, lw=2 + 3 * leg, solid_joinstyle="round")
+# Trunk and head in the torso's frame: ends of two lines [2, 2, 3] [m]; the head is only drawn. Then
+# radius [m] and colour of all lines: these two; thigh, shin, foot of the left and the right leg.
+TORSO_LINES = np.array([[(0, 0, 0.05), (0, 0, 0.24)], [(0.01, 0, 0.36), (0.01, 0, 0.36)]])
+RADII = (0.085, 0.055, *(0.036, 0.029, 0.016) * 2)
+LINE_COLORS = ("0.8", "0.88", *COLORS[:1] * 3, *COLORS[1:] * 3)
+
+def camera(azimuth=-60, elevation=20):
+    """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
+    (-90, 90): from above. Its axes as rows [3, 3]: towards it, to the right, up in the picture.
+    """
+    return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
+
+def draw_robots(axes, robot, torso, joints, view):
+    """Robots as measured, or one at K moments, the last one strongest: torso [K, 6], joints
+    [K, 12]; view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
+    """
+    points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
+    turn = rotation(*torso[:, 3:].T).swapaxes(1, 2)  # [K, 3, 3]
+    upper = torso[:, None, None, :3] + TORSO_LINES @ turn[:, None]  # [K, 2, 2, 3]
+    # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
+    legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
+    seen = np.concatenate([upper, legs], 1) @ view.T  # [K, 8, 2, 3]
+    count = len(torso)
+    for k, j in sorted(np.ndindex(count, 8), key=lambda line: seen[line][:, 0].max()):
+        start, end = seen[k, j, :, 1:]
+        color = 1 - (1 - np.array(to_rgb(LINE_COLORS[j]))) * (k + 1) / count
+        across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
+        half = RADII[j] * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
+        axes.fill(*np.concatenate([start + half, end - half]).T, color=color, ec=color / 2, lw=0.6)
+        # On it a thinner, lighter line: light comes from above.
+        half, shift = half / 2, RADII[j] * np.array([-0.2, 0.2])
+        light = np.concatenate([start + half, end - half]) + shift
+        axes.fill(*light.T, color=0.6 * color + 0.4)
+
+def draw_ground(axes, view, size=2):
+    """Squares of 0.25 m on the ground, `size` [m] to every side of the origin."""
+    for u in np.arange(-size, size + 0.01, 0.25):
+        for line in ([u, u], [-size, size]), ([-size, size], [u, u]):
+            axes.plot(*(view[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
+    axes.set(aspect="equal")
+    axes.axis("off")
+
+def centre_of_mass(robot, torso, joints):
+    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
+    points, foot_turn = body_points(robot, torso, joints)
+    hip, knee, ankle = np.moveaxis(points[:, :, :3], 2, 0)  # [K, 2, 3] left, right
+    # Thigh and shin have their centres in the middle.
+    places = [torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com, hip,
+              (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ robot.foot.com]
+    links = robot.torso, robot.hip, robot.thigh, robot.shin, robot.foot
+    moment = sum(link.mass * place.sum(1) for link, place in zip(links, places))
+    return moment / sum(link.mass * place.shape[1] for link, place in zip(links, places))
+
+def plot_fall(axes, robot, torso, joints, view, edge):
+    """The last second of a fall, at seven moments; torso [T, 6], joints [T, 12] until then; edge
+    of the sole [m] to the right in the picture.
+    """
+    ticks = np.linspace(len(torso) - 100, len(torso) - 1, 7).astype(int)
+    torso, joints = torso[ticks], joints[ticks]
+    draw_ground(axes, view, 0.5)
+    draw_robots(axes, robot, torso, joints, view)
+    _, right, up = view @ centre_of_mass(robot, torso, joints).T
+    axes.plot(right, up, "k.-", lw=1, label="centre of mass")
+    axes.axvline(edge, color="black", ls=":", label="edge of the sole")
+    axes.legend(loc="lower right")
 
 def main():
     parser = StageParser(__doc__)
@@ -783,26 +842,33 @@ def main():
     robot, count = RobotModel(), 64
     standing = stance(robot, planar=args.sim == "pymunk")
     sim = make_sim(args.sim, count, standing, robot)
-    leans = np.random.default_rng(args.seed).uniform(0.1, 0.5, count)  # [rad]
+    rng = np.random.default_rng(args.seed)
+    leans = rng.uniform(0.1, 0.5, count)  # [rad]
     seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
-    joints = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
+    stand = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
+    joints = stand.copy()
     # The feet stand, so a negative ankle pitch tilts all the rest forward.
     for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
         joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
     trunk = np.zeros((count, len(seconds), 6))
     none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
-    motion = sim.run(Trajectory(joints, trunk, none, none, none), np.arange(count))
+    # What is drawn at random, its sizes, targets, pushes; the camera; the edge to fall over [m].
+    cases = [("lean [rad]", leans, joints, none, camera(-90, 10), robot.foot_front)]
+    if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
+        speeds, push = rng.uniform(0.5, 2.5, count), none.copy()  # [m/s]
+        push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
+        edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2
+        cases.append(("push to the side [m/s]", speeds, stand, push, camera(0, 10), edge))
+    figure, panels = plt.subplots(1, len(cases), figsize=(6 * len(cases), 4.5), squeeze=False)
+    for (name, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
+        sim.reset(np.arange(count))
+        motion = sim.run(Trajectory(joints, trunk, none, none, push), np.arange(count))
+        i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
+        print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {sizes[i]:.2f}")
+        down = np.argmax(fallen(motion.torso[i], standing[0][2])) + 1  # when the fall counts
+        plot_fall(axes, robot, motion.torso[i, :down], motion.joints[i, :down], view, edge)
+        axes.set(title=f"The last second of a fall: {name} {sizes[i]:.2f}")
     sim.close()
-    i = np.argmin(np.where(motion.fell, leans, np.inf))  # the smallest lean that fell
-    print(f"{motion.fell.sum()} of {count} fell; the smallest lean that did: {leans[i]:.2f} rad")
-    down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # the tick when the fall counts
-    figure, axis = plt.subplots(figsize=(7, 4.5), layout="constrained")
-    for k, tick in enumerate(np.linspace(down - 100, down, 8).astype(int)):
-        draw_robot(axis, robot, motion.torso[i, tick], motion.joints[i, tick], (k + 1) / 8)
-    axis.axhline(0, color="0.5", lw=1)
-    axis.set(xlabel="x [m]", ylabel="z [m]", aspect="equal", ylim=(-0.05, 0.8),
-             title=f"The last second before a fall, leaning by {leans[i]:.2f} rad at the ankles\n"
-             "(left leg blue, right leg orange, eight moments)")
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
 

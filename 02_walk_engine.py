@@ -319,48 +319,50 @@ def pushed(sim, parameters, speed):
             for name in ("torso", "joints")]
 
 def plot_push(robot, torso, joints, path, title):
-    """Tilt over time, and both robots at the end; torso [2, T, 6], joints [2, T, 12]."""
-    figure, (curves, picture) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
-    time = np.arange(torso.shape[1]) * robot.control_dt
-    tilt = np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4]))  # [2, T] as in `fallen`
-    for i, name in enumerate(("with the reflex", "without the reflex")):
-        curves.plot(time, np.degrees(tilt[i]), "k" + ("-", "--")[i], label=name)
-        beside = torso[i, -1] * [0, 0, 1, 1, 1, 1] + [i, 0, 0, 0, 0, 0]  # 1 m apart
-        robot_model.draw_robot(picture, robot, beside, joints[i, -1])
-        picture.text(i, 0.75, name, ha="center")
-    curves.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
-    curves.legend()
-    curves.grid(alpha=0.3)
-    picture.axhline(0, color="0.5", lw=1)
-    picture.set(title="at the end", aspect="equal", xlim=(-0.5, 1.5), ylim=(-0.05, 0.85),
-                xticks=[], ylabel="z [m]")
+    """Tilt over time, and both robots at five moments; torso [2, T, 6], joints [2, T, 12]."""
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4))
+    tilt = np.degrees(np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4])))  # as in `fallen`
+    ticks = np.linspace(40, torso.shape[1] - 1, 5).astype(int)
+    view = robot_model.camera(-70, 10)
+    names = "with the reflex", "without the reflex"
+    for panel, name, color, angle, pose, angles in zip(
+            axes[1:], names, ("tab:green", "tab:red"), tilt, torso[:, ticks], joints[:, ticks]):
+        axes[0].plot(np.arange(len(angle)) * robot.control_dt, angle, color=color, label=name)
+        robot_model.draw_ground(panel, view, 1)
+        robot_model.draw_robots(panel, robot, pose, angles, view)
+        panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
+    axes[0].set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
+    axes[0].legend()
     robot_model.save_figure(figure, path)
 
-def plot_plan(engine, trajectory, feet, path):
-    """Trunk and feet of one robot's double step over time."""
+def plot_plan(engine, trajectory, feet, torso, path):
+    """A robot's double step over time: planned trunk and feet; measured torso [1, T, 6]."""
     time = np.arange(feet.shape[1]) * engine.robot.control_dt
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6))
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for foot, name in ((LEFT, "left foot"), (RIGHT, "right foot")):
             axis.plot(time, feet[0, :, foot, k], color=robot_model.COLORS[foot], label=name)
         if k < 2:
-            axis.plot(time, trajectory.trunk[0, :, k], "k", label="trunk")
+            axis.plot(time, trajectory.trunk[0, :, k], "k", label="trunk, planned")
+            axis.plot(time[1:], torso[0, :, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", lw=1, label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.suptitle("A double step amid a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 
 def plot_walks(poses, wanted, path, title):
     """The way of every walk from above: poses and wanted poses [4, K + 1, 3]."""
-    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
-    for name, walked, asked in zip(WALKS, poses, wanted):
-        line, = axis.plot(*walked[:, :2].T, ".-", label=name)
-        axis.plot(*asked[:, :2].T, "x", color=line.get_color())
+    figure, axis = plt.subplots(figsize=(9, 4))
+    for k, (name, walked, asked) in enumerate(zip(WALKS, poses, wanted)):
+        x, y, yaw = walked.T  # an arrow points where the robot faces
+        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", label=name, width=0.004,
+                    pivot="mid")
+        axis.plot(*asked[:, :2].T, "k+", label="commanded" if k == 3 else None)
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
+    axis.margins(0.06)
     axis.legend()
-    axis.grid(alpha=0.3)
     robot_model.save_figure(figure, path)
 
 def main():
@@ -369,9 +371,13 @@ def main():
     out = parser.folder(args)
     engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
     print(f"{args.sim}: a double step takes {engine.period:.2f} s")
+    simulator = robot_model.make_sim(args.sim, 1, engine.stance)
     for _ in range(2):  # the second one is drawn; the first one starts from standing
         trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
-    plot_plan(engine, trajectory, feet, out / "02_plan.png")
+        motion = simulator.run(trajectory, [0])
+    simulator.close()
+    torso = motion.torso + [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
+    plot_plan(engine, trajectory, feet, torso, out / "02_plan.png")
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
@@ -380,7 +386,7 @@ def main():
         a, b = ("{:5.2f} {:5.2f} {:5.2f}".format(*path[-1]) for path in (asked, walked))
         print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
     plot_walks(poses, wanted, out / "02_walk.png",
-               f"Eight double steps ({args.sim}), dots: measured, crosses: commanded")
+               f"Eight double steps ({args.sim}), seen from above")
     torso, joints = pushed(args.sim, TUNED[args.sim], 0.6)
     plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)

@@ -212,19 +212,17 @@ def hand_written(measured, limits):
     """A planner without learning. Far from the goal it turns to the goal's position, near it to the
     goal's yaw.
 
-    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
+    Goals as measured [n, 3] -> actions [n, 6], about half of what the limits allow.
     """
     d, alpha, beta = polar(measured)
-    x, y, _ = measured.T
-    low = np.array(limits.low) / 2
-    high = np.array(limits.high) / 2
-    # A turn is outward for one foot and inward for the other, and inward allows less.
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
-    turn = np.clip(turn / 2, low[2], -low[2])  # of each foot
-    # Both feet share the way forward. Sideways only the leading foot steps, outward.
-    left = np.stack([x / 2, np.maximum(y, 0), turn], -1)  # [n, 3]
-    right = np.stack([x / 2, np.maximum(-y, 0), -turn], -1)
-    return to_action(np.clip(np.stack([left, right], 1), low, high), limits)
+    # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
+    x = np.clip(measured[:, 0] / 2, -0.06, 0.06)  # [n] [m] of each foot
+    y = np.clip(measured[:, 1], -0.07, 0.07)
+    turn = np.clip(turn / 2, -0.15, 0.15)
+    left = np.stack([x, np.maximum(y, 0), turn], -1)  # [n, 3]
+    right = np.stack([x, np.maximum(-y, 0), -turn], -1)
+    return to_action(np.stack([left, right], 1), limits)
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
@@ -349,20 +347,16 @@ class FootstepWorld:
 
     def _noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
-        if not self.noise:
-            return exact
         drawn = [self.dice[i][purpose].normal(size=len(std)) for i in robots]
         return exact + np.array(drawn) * std
 
     def measure(self, robots):
-        """The goal [n, 3] as the robot knows it after one more measurement; exact without noise."""
-        std = (self.task.noise_m, self.task.noise_m, self.task.noise_rad)
-        goal = self._noisy("noise", self.relative_goal(robots), robots, std)
-        goal[:, 2] = wrap(goal[:, 2])
-        if not self.noise:
-            return goal
+        """The goal [n, 3] as the robot knows it after one more measurement."""
+        task = self.task  # without noise the gain K is 1: only the new measurement counts
+        std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
+        measured = self._noisy("noise", self.relative_goal(robots), robots, std)
         self.estimate[robots], self.variance[robots] = correct(
-            self.estimate[robots], self.variance[robots], goal, std)
+            self.estimate[robots], self.variance[robots], measured, std)
         return self.estimate[robots]
 
     def _disturb(self, trajectory, robots):
@@ -384,8 +378,8 @@ class FootstepWorld:
         """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
         parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
         if imu:
-            std = (self.task.imu_rad,) * 2 + (self.task.imu_rad_s,) * 3
-            tilt = self._noisy("imu", self.tilt[robots], robots, std)
+            std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
+            tilt = self._noisy("imu", self.tilt[robots], robots, self.noise * std)
             low, high = np.array([row[2:] for row in IMU_TABLE]).T
             parts.append(np.clip(tilt / [0.25, 0.25, 1, 1, 1], low, high))  # units of the table
         return np.concatenate(parts, -1).astype(np.float32)
@@ -537,14 +531,13 @@ def plot_rewards(paid, path, title):
     """Sum over time of every reward term, mean over the robots; paid: [K, N] by name."""
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
     styles = "-", "--", ":", "-.", "x", "o-", "+"
-    figure, axis = plt.subplots(figsize=(8, 4), layout="constrained")
+    figure, axis = plt.subplots(figsize=(8, 4))
     for (name, r), word, style in zip(paid.items(), words, styles):
         steps = range(1, len(r) + 1)
         axis.plot(steps, r.mean(1).cumsum(), style, markevery=5, label=f"{name}: {word}")
     axis.set(title=title, xlabel="double step (several episodes)",
              ylabel="mean sum of rewards so far [1]")
     axis.legend(ncols=2)
-    axis.grid(alpha=0.3)
     robot_model.save_figure(figure, path)
 
 def main():

@@ -420,14 +420,13 @@ PANELS = {  # title and unit: columns
 def plot_learning_curve(rows, path, title):
     """Every panel of the log; each dot is an update, most is learned in the first ones."""
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
-    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), sharex=True, layout="constrained")
+    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), sharex=True)
     for axes, (name, columns) in zip(grid.flat, PANELS.items()):
         for column, style in zip(columns, (".-", "x-", "^-")):
             y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
             told = ~np.isnan(y)
             axes.plot(steps[told], y[told], style, label=column)
         axes.set(title=name, xlabel="steps of all robots [thousands]", xscale="log")
-        axes.grid(alpha=0.3)
         axes.legend()
     grid[1, 2].set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
     figure.suptitle(title)

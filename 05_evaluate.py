@@ -299,12 +299,11 @@ def draw_walk(axes, walk, ticks=None, color="black"):
     axes.plot(*walk["torso"][:ticks, :2].T, "o-", markevery=[0], color=color,
               label="torso on the ground, from the start")
     axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-    axes.grid(alpha=0.3)
 
 def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
     figure, axes = plt.subplots(1, len(columns), figsize=(4.4 * len(columns), 4.5), sharex=True,
-                                sharey=True, layout="constrained")
+                                sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
         title = name
         for number, walk in enumerate(walks, 1):
@@ -324,7 +323,7 @@ def plot_race(walks, path, robot, every=10):
     last = max(len(first["torso"]), len(second["torso"])) - 1
     # The camera moves and turns with the robot: x, y and yaw of the torso are 0.
     beside = first["torso"] * [0, 0, 1, 1, 1, 0]
-    figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4), layout="constrained")
+    figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4))
 
     def draw(tick):
         side.clear()
