@@ -41,6 +41,7 @@ import warnings
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
+from time import monotonic
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -244,6 +245,7 @@ def record(planner, world, trials):
         walks.append({
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
+            "friction": ended["friction"][i],
             "feet": foot_poses(world.engine.robot, torso[:, -1], joints[:, -1]),
             "torso": np.concatenate(torso),
             "joints": np.concatenate(joints)})
@@ -282,64 +284,80 @@ def time_ratio(trials, reference, resamples=2000):
             "slower": np.mean(ours > theirs)}
 
 # ------------------------------------------------------------------------ pictures
-def arrows(axes, poses, color, length=0.08, **kw):
-    """Poses [n, 3] as arrows [m] that begin at x, y and point along yaw."""
-    x, y, yaw = np.transpose(poses)
-    axes.quiver(x, y, np.cos(yaw), np.sin(yaw), color=color, angles="xy", units="xy", width=0.014,
-                scale_units="xy", scale=1 / length, **kw)
+ABOVE = robot_model.camera(-90, 90)
 
-def draw_walk(axes, walk, ticks=None, color="black"):
-    """Seen from above: the first `ticks` control ticks of a recorded walk (default: all)."""
-    ticks, goal = ticks or len(walk["torso"]), walk["goal"]
-    steps = math.ceil(ticks * len(walk["feet"]) / len(walk["torso"]))  # double steps begun
-    axes.plot(*goal[:2], "*", color="tab:green", label="goal")
-    arrows(axes, [goal], "tab:green", 0.2)
-    for side, name in enumerate(("left foot", "right foot")):
-        arrows(axes, walk["feet"][:steps, side], robot_model.COLORS[side], label=name)
-    axes.plot(*walk["torso"][:ticks, :2].T, "o-", markevery=[0], color=color,
-              label="torso on the ground, from the start")
-    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+def draw_on_ground(axes, pose, outline, view, color, alpha):
+    """Fills an outline [P, 2] [m] on the ground, given in the frame `pose` (x, y, yaw)."""
+    places = pose[:2] + robot_model.turned(outline, np.full(len(outline), pose[2]))
+    axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
-def plot_footsteps(columns, path):
+def draw_way(axes, robot, goal, feet, view):
+    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
+
+    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw.
+    """
+    angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
+    outline = np.append(0.05 * np.stack([np.cos(angle), np.sin(angle)], -1), [(0.2, 0)], 0)
+    draw_on_ground(axes, goal, outline, view, "tab:green", 0.8)
+    x = np.repeat([robot.foot_front, -robot.foot_back], 2)
+    y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
+    for poses in feet:
+        for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
+            outline = np.stack([x, y + outward * robot.foot_outward], -1)
+            draw_on_ground(axes, pose, outline, view, color, 0.35)
+
+def plot_footsteps(columns, path, robot):
     """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
-    figure, axes = plt.subplots(1, len(columns), figsize=(4.4 * len(columns), 4.5), sharex=True,
+    figure, axes = plt.subplots(1, len(columns), figsize=(4.4 * len(columns), 4.8), sharex=True,
                                 sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
-        title = name
         for number, walk in enumerate(walks, 1):
-            draw_walk(panel, walk)
+            draw_way(panel, robot, walk["goal"], walk["feet"], ABOVE)
+            panel.plot(*walk["torso"][:, :2].T, "k", lw=1)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
-            panel.text(x + math.copysign(0.3, x), y, f"goal {number}", ha="center")
-            title += f"\ngoal {number}: {walk['ending']}"
-        panel.set_title(title)
-        panel.margins(0.3)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles[:4], labels[:4], loc="outside lower center", ncols=4)  # of the first walk
-    robot_model.save_figure(figure, path, dpi=130)
+            panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
+        endings = [f"goal {number}: {walk['ending']}, μ = {walk['friction']:.2f}"
+                   for number, walk in enumerate(walks, 1)]
+        panel.set_title("\n".join([name, *endings]))
+        panel.set(aspect="equal", xlabel="x [m]")
+        panel.margins(0.15)
+    axes[0].set(ylabel="y [m]")
+    for color, label in zip((*robot_model.COLORS, "tab:green"), ("left foot", "right foot", "goal")):
+        axes[0].fill([], [], color=color, alpha=0.5, label=label)
+    axes[0].plot([], [], "k", lw=1, label="torso on the ground")
+    figure.legend(loc="outside lower center", ncols=4)
+    robot_model.save_figure(figure, path, dpi=110)
+
+def draw_scene(axes, robot, goal, feet, torso, joints, title):
+    """A robot on its way, torso [6], joints [12]; what was drawn before goes, except the ground."""
+    view = robot_model.camera()
+    if not axes.lines:
+        robot_model.draw_ground(axes, view)
+    for patch in [*axes.patches]:
+        patch.remove()
+    draw_way(axes, robot, goal, feet, view)
+    robot_model.draw_robots(axes, robot, torso[None], joints[None], view)
+    axes.set_title(title)
 
 def plot_race(walks, path, robot, every=10):
-    """Two walks to one goal by planner, at twice their speed; the first one also from the side."""
-    (name, first), (other, second) = walks.items()
-    last = max(len(first["torso"]), len(second["torso"])) - 1
-    # The camera moves and turns with the robot: x, y and yaw of the torso are 0.
-    beside = first["torso"] * [0, 0, 1, 1, 1, 0]
-    figure, (side, top) = plt.subplots(1, 2, figsize=(8, 4))
+    """Walks to one goal by planner, side by side, at twice their speed, for 12 s at most."""
+    last = min(max(len(walk["torso"]) for walk in walks.values()), 1200) - 1
+    figure, axes = plt.subplots(1, len(walks), figsize=(4.2 * len(walks), 4))
+    ways = np.concatenate([walk["torso"][:last, :2] for walk in walks.values()])
+    ways = ways @ robot_model.camera()[1:, :2].T  # in the picture
+    low, high = ways.min(0) - [0.3, 0.2], ways.max(0) + [0.4, 0.9]  # the robot is 0.8 m tall
 
     def draw(tick):
-        side.clear()
-        top.clear()
-        now = min(tick, len(beside) - 1)
-        robot_model.draw_robot(side, robot, beside[now], first["joints"][now])
-        side.axhline(0, color="black")
-        side.set(xlim=(-0.4, 0.4), ylim=(-0.04, 0.76), aspect="equal", ylabel="z [m]",
-                 title=f"{name}, from the side")
-        draw_walk(top, second, tick + 1, "tab:purple")
-        draw_walk(top, first, tick + 1)
-        top.set(xlim=(-0.4, 1.3), ylim=(-0.4, 1.0),
-                title=f"{tick * robot.control_dt:.1f} s: {name} black, {other} purple")
+        for panel, (name, walk) in zip(axes, walks.items()):
+            now = min(tick, len(walk["torso"]) - 1)
+            done = (now + 1) * len(walk["feet"]) // len(walk["torso"])  # double steps
+            title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
+            draw_scene(panel, robot, walk["goal"], walk["feet"][:done], walk["torso"][now],
+                       walk["joints"][now], f"{name}\n{title}")
+            panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
 
     film = FuncAnimation(  # the last picture is repeated
-        figure, draw, [*range(0, last, every), *[last] * 30])
+        figure, draw, [*range(0, last, every), *[last + every] * 30])
     fps = 2 / (every * robot.control_dt)
     robot_model.atomic_write(path, lambda file: film.save(file, "pillow", fps, dpi=75))
     plt.close(figure)
@@ -350,50 +368,74 @@ def open_window():
     for backend in ("MacOSX", "QtAgg", "TkAgg"):
         with contextlib.suppress(ImportError):
             plt.switch_backend(backend)
-            return plt.subplots(figsize=(7, 7))
-    raise ppo.PolicyError("--play needs a display, and Tk or Qt")
+            figure, axes = plt.subplots(figsize=(9, 7))
+            # matplotlib's own keys would move the picture
+            figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
+            return figure, axes
+    raise ppo.PolicyError("--play needs a display, and Tk or Qt (python -m pip install pyqt6)")
 
-def play(world, planner, friction):
+KEYS = "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner"
+
+def play(world, planners, friction):
     """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
-    Space pushes the robot, r switches its reflex. After a fall it stands up again at the origin.
+    After a fall it stands up again at the origin. Planners by name; p takes the next one.
     """
     figure, axes = open_window()
+    figure.text(0.5, 0.02, KEYS, ha="center")
     robots, engine, keys = np.array([0]), world.engine, []
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
+    begun, arrived = 0, ""  # how many double steps had been taken; when it arrived, in words
+
+    def place(event):
+        """Where the mouse is on the ground, [2] [m]."""
+        return np.linalg.solve(robot_model.camera()[1:, :2], [event.xdata, event.ydata])
 
     def press(event):
+        nonlocal begun, arrived
         if event.inaxes:
-            goal[:] = event.xdata, event.ydata, world.pose[0, 2]
+            goal[:] = *place(event), world.pose[0, 2]
             world.variance[:] = 1e12  # what was known of the old goal does not help
+            begun, arrived = world.steps[0], ""
 
     def release(event):
         if event.inaxes:
-            x, y = event.xdata - goal[0], event.ydata - goal[1]
-            if x or y:  # it was dragged
+            x, y = place(event) - goal[:2]
+            if math.hypot(x, y) > 1e-6:  # it was dragged
                 goal[2] = math.atan2(y, x)
 
     figure.canvas.mpl_connect("button_press_event", press)
     figure.canvas.mpl_connect("button_release_event", release)
     figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
-    gain, fell = engine.parameters.reflex, True
+    names = itertools.cycle(planners)
+    name = next(names)
+    gain, fell, due = engine.parameters.reflex, True, monotonic()  # due [s]: the next picture
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=world.goal, friction=friction)
-            planner.reset(1)
+            feet, begun, arrived = np.zeros((0, 2, 3)), 0, ""
+        if "p" in keys:
+            name = next(names)
+        if fell or "p" in keys:
+            planners[name].reset(1)
         world.push_chance = " " in keys  # in this double step
         if "r" in keys:
             engine.parameters = replace(engine.parameters, reflex=gain - engine.parameters.reflex)
         keys.clear()
-        result = double_step(planner, world, robots)
+        result = double_step(planners[name], world, robots)
         motion, fell = result["motion"], result["fall"][0]
-        feet = foot_poses(engine.robot, motion.torso[:, -1], motion.joints[:, -1])
-        walk = {"goal": goal, "torso": motion.torso[0], "feet": feet}
-        for ticks in range(10, len(motion.torso[0]) + 1, 10):
-            axes.clear()
-            draw_walk(axes, walk, ticks)
-            axes.set(xlim=(-2, 2), ylim=(-2, 2), title="press at a goal, drag, let go; space: a "
-                     f"push; r: reflex {'on' if engine.parameters.reflex else 'off'}")
-            plt.pause(0.05)  # [s]; drawing takes about as long
+        seconds = (world.steps[0] - begun) * engine.period
+        if result["success"] and not arrived:
+            arrived = f"arrived after {seconds - engine.period:.1f} s"
+        reflex = "on" if engine.parameters.reflex else "off"
+        title = f"{name}, reflex {reflex}: {arrived or f'{seconds:.1f} s'}"
+        for tick in range(9, motion.torso.shape[1], 10):
+            draw_scene(axes, engine.robot, goal, feet[-20:], motion.torso[0, tick],
+                       motion.joints[0, tick], title)
+            axes.set(xlim=(-1.7, 1.7), ylim=(-1.0, 1.6))
+            due = max(due + 10 * engine.robot.control_dt, monotonic())
+            plt.pause(max(0.001, due - monotonic()))
+        last = foot_poses(engine.robot, motion.torso[:, -1], motion.joints[:, -1])
+        feet = np.concatenate([feet, last])
 
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
@@ -531,7 +573,9 @@ def load_policy(path, sim):
     model, meta = ppo.load_policy(path)
     imu = meta["obs_dim"] > len(env.observation_table())
     if mismatch := ppo.difference(meta["fits"], env.fingerprint(sim, imu)):
-        raise ppo.PolicyError(f"{path}: made for another robot, walk or task: {mismatch}")
+        flag = "; try with" if sim == "pymunk" else "; try without"
+        hint = f"{flag} --mujoco" if mismatch.startswith("simulator") else ""
+        raise ppo.PolicyError(f"{path}: made for another robot, walk or task: {mismatch}{hint}")
     facts = {key: meta.get(key) for key in ("imu", "steps", "minutes", "seed")}
     return PolicyPlanner(model, imu), {"file": path.as_posix(), **facts}
 
@@ -547,8 +591,12 @@ def load_planner(path):
 
 def find(sim):
     """runs/<sim>/policy.pt if you made one, else the shipped results/<sim>/policy.pt."""
-    own = Path("runs", sim, "policy.pt")
-    return own if own.is_file() else Path("results", sim, "policy.pt")
+    for folder in ("runs", "results"):
+        path = Path(folder, sim, "policy.pt")
+        if path.is_file():
+            return path
+    raise ppo.PolicyError(f"{path}: no such file; run stage 5 where the stages are, or name one "
+                          "by --policy")
 
 def choose_planners(sim, policies=(), planners=()):
     """Planners by row name, and the facts of the first policy; files of policies and planners.
@@ -568,7 +616,7 @@ def choose_planners(sim, policies=(), planners=()):
         else:
             chosen[name], about = load_policy(path, sim)
             facts.append(about)
-            print(f"{name}: {about}")
+            print(f"{name}: {path}, {about['steps']} double steps, seed {about['seed']}")
     chosen["baseline_tuned"] = BaselinePlanner(TUNED[sim])
     chosen["baseline"] = BaselinePlanner()
     return chosen, facts[0]
@@ -597,13 +645,23 @@ def run(world, blocks, planners, shown, facts, args, out):
     world.push = 0.0  # not in figures
     trials = draw_trials(args.seed, len(FIGURE_GOALS))
     trials.goals = FIGURE_GOALS
+    if own := blocks.get(None):  # the first goals of your own
+        trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
     walks = {name: record(planners[name], world, trials)
              for name in ("baseline", "baseline_tuned", shown)}
-    plot_footsteps(walks, out / "footsteps.png")
-    if args.gif:  # a minute
-        race = {name: walks[name][0] for name in (shown, "baseline")}
-        plot_race(race, out / "animation.gif", world.engine.robot)
-    print("written: evaluation.json, trials.csv, table.md, footsteps.png in", out)
+    robot = world.engine.robot
+    plot_footsteps(walks, out / "footsteps.png", robot)
+    if args.gif:  # a minute each
+        race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
+        plot_race(race, out / "animation.gif", robot)
+        last = Path(facts["file"])
+        start, tenth = (last.with_name(f"policy.{when}.pt") for when in ("start", "tenth"))
+        stages = {"before training": start, "after a tenth of it": tenth, "at the end": last}
+        if start.is_file() and tenth.is_file():
+            race = {name: record(load_policy(path, args.sim)[0], world, trials)[0]
+                    for name, path in stages.items()}
+            plot_race(race, out / "learning.gif", robot)
+    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system."""
@@ -644,8 +702,8 @@ def main(argv=None):
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
         world.push = args.push
         if args.play:
-            world.push = args.push or 0.4  # [m/s] of the space bar
-            play(world, planners[shown], args.friction)
+            world.push = args.push or 0.6  # [m/s] of the space bar
+            play(world, {shown: planners[shown], **planners}, args.friction)
         else:
             run(world, blocks, planners, shown, facts, args, out)
         world.close()

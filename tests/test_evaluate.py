@@ -546,19 +546,19 @@ def test_your_own_policy_goes_before_the_shipped_one_and_rows_are_called_like_fi
     assert facts["file"] == "first.pt", "with --policy the shipped one is not added"
     assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
     second = capsys.readouterr().out.splitlines()[1]
-    assert second.startswith("a/policy") and "'steps': 1" in second, "say which file is judged"
+    assert second.startswith("a/policy") and "1 double steps" in second, "say which file is judged"
 
 @pytest.mark.parametrize("flags, mention", [
     (["--policy", "missing.pt"], "missing.pt: no such file"),
     (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
     (["--policy", "other.pt"], "other.pt: made for another robot, walk or task: simulator is mujoco"
-                               " in the file, but pymunk here"),
+                               " in the file, but pymunk here; try with --mujoco"),
     (["--policy", "results/pymunk/policy.pt", "other.pt"], "simulator is mujoco"),
     (["--planner", "missing.py"], "missing.py: no such file"),
     (["--planner", "text.py"], "text.py: defines no class Planner"),
     (["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
      "c/b/mine.py: two planners are called b/mine"),
-    (["--mujoco"], "results/mujoco/policy.pt: no such file")], ids=str)
+    (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are")], ids=str)
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
     Path("text.py").write_text("class Other: pass")
@@ -597,8 +597,8 @@ def test_from_a_policy_file_to_the_table(short_trials, monkeypatch, capsys):
     own_planner("mine.py", "actions[:, [0, 3]] += 0.3")  # it walks past the second goal
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.12,0,0\n")
     drawn = []
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda walks, path: (
-        drawn.extend(walks), PLOT_FOOTSTEPS(walks, path)))
+    monkeypatch.setattr(evaluate, "plot_footsteps", lambda walks, path, robot: (
+        drawn.extend(walks), PLOT_FOOTSTEPS(walks, path, robot)))
     content = call("--goals", "goals.csv", "--friction", 0.4, "--planner", "mine.py",
                    "--policy", "results/pymunk/policy.pt", second)
     table = Path("out/table.md").read_text(encoding="utf-8")
@@ -638,7 +638,11 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
 
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials):
+    for when in ("start", "tenth"):
+        save_untrained(Path(f"results/pymunk/policy.{when}.pt"))
     call("--gif", "--episodes", 1)
+    with PIL.Image.open("out/learning.gif") as film:
+        assert film.n_frames > 6 and film.width > film.height * 2.5, "three robots side by side"
     frames, seconds = [], []
     with PIL.Image.open("out/animation.gif") as film:
         for picture in PIL.ImageSequence.Iterator(film):
@@ -658,7 +662,7 @@ def window(monkeypatch):
     figure, axes = evaluate.plt.subplots()
 
     def mouse(name, x, y):
-        place = axes.transData.transform((x, y))
+        place = axes.transData.transform(robot_model.camera()[1:, :2] @ (x, y))
         event = MouseEvent(f"button_{name}_event", figure.canvas, *place, 1)
         figure.canvas.callbacks.process(event.name, event)
 
@@ -713,6 +717,11 @@ def test_the_robot_does_what_mouse_and_keys_say_until_the_window_closes(
         assert world.steps[0] == 0, "after a fall it begins anew"
         assert np.isnan(planner.velocity).all(), "and so does the planner"
         goal_is(-0.2, 0.1, turned, "to the same goal")
+        key("p")
+        yield
+        yield
+        title = figure.axes[0].get_title()
+        assert title.startswith("policy, reflex on: "), "p takes the next planner"
         evaluate.plt.close(figure)
         yield
         pytest.fail("the window is closed, and it walks on")
@@ -723,7 +732,12 @@ def test_the_robot_does_what_mouse_and_keys_say_until_the_window_closes(
             next(pictures)
             return super().act(view, robots, measured)
 
+    def act(self, view, robots, measured):
+        next(pictures)
+        return view.neutral_action[None]
+
     planner, pictures = Player(replace(OTHER, time_constant=0.0)), story()
+    monkeypatch.setattr(evaluate.PolicyPlanner, "act", act)
     monkeypatch.setattr(evaluate, "load_planner", lambda path: planner)
     monkeypatch.setattr(env, "FootstepWorld", lambda *given: worlds.append(given) or world)
     evaluate.main(["--play", "--friction", "0.65", "--push", "1e-9", "--planner", "mine.py"])
