@@ -413,24 +413,33 @@ PANELS = {  # title and unit: columns
     "the way to the goal takes less time [s]": ("time",),
     "the return rises, not discounted [1]": ("return",),
     "it explores less: entropy (may be < 0) [nats]": ("entropy",),
-    "updates move the policy less [share; nats]": ("clip_fraction", "approx_kl"),
+    "updates move the policy less [share clipped]": ("clip_fraction",),
     "the critic predicts: explained variance [1]": ("explained_variance",),
 }
 
 def plot_learning_curve(rows, path, title):
-    """Every panel of the log; each dot is an update, most is learned in the first ones."""
+    """Every panel of the log: a faint dot for each update, and a running mean of a twentieth."""
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
-    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5), sharex=True)
-    for axes, (name, columns) in zip(grid.flat, PANELS.items()):
-        for column, style in zip(columns, (".-", "x-", "^-")):
+    shown = {name: [column for column in columns if not np.isnan(
+        [row[column] for row in rows]).all()] for name, columns in PANELS.items()}
+    shown = {name: columns for name, columns in shown.items() if columns}
+    figure, grid = plt.subplots(2, math.ceil(len(shown) / 2), figsize=(12, 6.5))
+    for axes, (name, columns) in zip(grid.flat, shown.items()):
+        for column in columns:
             y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
-            told = ~np.isnan(y)
-            axes.plot(steps[told], y[told], style, label=column)
-        axes.set(title=name, xlabel="steps of all robots [thousands]", xscale="log")
-        axes.legend()
-    grid[1, 2].set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
+            x, y = steps[~np.isnan(y)], y[~np.isnan(y)]
+            width = max(1, len(y) // 20)
+            mean = np.convolve(y, np.full(width, 1 / width), "valid")
+            line, = axes.plot(x[width // 2 :][: len(mean)], mean, label=column)
+            axes.plot(x, y, ".", color=line.get_color(), alpha=0.2)
+        axes.set(title=name, xlabel="steps of all robots [thousands]")
+        if len(columns) > 1:
+            axes.legend()
+    axes.set_ylim(-0.5, 1.05)  # when all returns are alike a single value may be −10
+    for axes in grid.flat[len(shown) :]:
+        axes.remove()
     figure.suptitle(title)
-    robot_model.save_figure(figure, path, dpi=130)
+    robot_model.save_figure(figure, path)
 
 # ------------------------------------------------------------------------ command line
 def gym_envs(env_id, num_envs):
@@ -482,6 +491,8 @@ def main(argv=None):
         parser.error(str(error))
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
+    if (out / "policy.previous.pt").exists():
+        print(f"the policy that was in {out} before: policy.previous.pt")
     if not args.env:
         flag = " --mujoco" * (args.sim == "mujoco")
         print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
