@@ -48,6 +48,7 @@ class Grading:
         if words and set(words) <= {"or", *BOOK}:  # names of exercises, not of tests
             chosen = [name for name in BOOK if name in words]
             config.option.keyword = ""
+        self.keyword = config.option.keyword  # of tests
         self.results = {name: [] for name in chosen}  # per test: None, or what the failing one says
         self.here = [name for name in chosen if (folder / f"{BOOK[name].file}.py").is_file()]
         self.patience = PATIENCE
@@ -107,6 +108,10 @@ class Grading:
     @pytest.hookimpl(trylast=True)
     def pytest_terminal_summary(self, terminalreporter):
         write, stars, solved = terminalreporter.write_line, 0, 0
+        if self.keyword and not any(self.results.values()):
+            write(f"-k {self.keyword}: no exercise is called like that. There are: "
+                  f"{', '.join(BOOK)}")
+            return
         terminalreporter.section(f"what to mend in {self.folder.name}")
         for name, results in self.results.items():
             row, head = BOOK[name], f"{name} {BOOK[name].stars * '★'}"

@@ -54,21 +54,21 @@ def share(part, digits=0):
     """0.031 as 3 %."""
     return f"{100 * np.mean(part):.{digits}f} %"
 
-def interval(middle, low, high):
-    """0.96 [0.88, 1.04]."""
-    return f"{middle:.2f} [{low:.2f}, {high:.2f}]"
-
 def said_of_the_rivals():
     """The policy against planners that do not learn, in 3-D, with noise."""
-    ratios = shipped("mujoco", "evaluation.json")["ratios"]
+    rows = shipped("mujoco", "evaluation.json")["rows"]
+    times = [values(rows, "time_mean", planner=name, noise=True, goal_std_m=0.5)[0]
+             for name in ("policy", "baseline_tuned", "baseline")]
+    yield ("reaches near goals in {:.1f} s on average. The tuned controller takes {:.1f} s, and "
+           "the paper's {:.1f} s".format(*times))
+    walks = shipped_trials("mujoco")
+    both = {name: common.together([walks[name, True, std] for std in (0.5, 1.0)])
+            for name in ("policy", "baseline_tuned", "expert")}
     for other in ("baseline_tuned", "expert"):
-        words = []
-        for std in (0.5, 1.0):
-            row, = common.pick(ratios, planner="policy", reference=other, noise=True,
-                               goal_std_m=std)
-            ratio = interval(row["time_ratio"], *row["time_ratio_ci95"])
-            words.append(f"{ratio} (median {row['median']:.2f}, slower in {share(row['slower'])})")
-        yield f"{words[0]} of the time of `{other}` for near and {words[1]} for far goals"
+        ratio = evaluate.time_ratio(both["policy"], both[other])
+        yield (f"{ratio['time_ratio']:.2f} of the time of `{other}` on average, and "
+               f"{ratio['median']:.2f} in the median; it is slower in {share(ratio['slower'])} of "
+               "the walks")
 
 def said_of_the_studies():
     """Falls, pushes, steps and opponents in 3-D, with noise."""
@@ -124,7 +124,7 @@ def said_of_learning():
         for sim in ("mujoco", "pymunk")))
 
 def said_of_the_world():
-    """The task, what is drawn, the robot, and how long the trainings took."""
+    """The task, what is drawn, the robot, what a short training reaches, how long the stages are."""
     task, spread, robot = env.Task(), env.Spread(), env.robot_model.RobotModel()
     walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
     yield (f"{walks} walks in 3-D to near and as many to far goals (σ of x and y: "
@@ -141,8 +141,8 @@ def said_of_the_world():
     curve = np.genfromtxt(RESULTS / "pymunk" / "learning_curve.csv", delimiter=",", names=True)
     row = curve[curve["steps"] >= evaluate.ppo.QUICK_STEPS][0]
     yield f"{share(row['success'])} of its walks and took {row['time']:.0f} s"
-    minutes = [shipped(sim, "evaluation.json")["policy"]["minutes"] for sim in ("pymunk", "mujoco")]
-    yield "{:,} double steps {:.0f} min, 3-D {:.0f} min".format(evaluate.ppo.STEPS, *minutes)
+    for path in sorted(ROOT.glob("0*.py")):
+        yield f"| {len(path.read_text(encoding='utf-8').splitlines())} |"
 
 def test_numbers_in_words_are_those_of_the_files():
     """Of README's text and its findings, and of the paragraphs *Found* in STUDIES.md."""

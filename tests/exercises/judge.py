@@ -1,25 +1,30 @@
-"""The contest of projects.md: points of planners' files, and of those that are in the field anyway.
+"""The contest of projects.md: a leaderboard of planners' files.
 
+    python tests/exercises/judge.py submissions/ --seed 417      all .py files of a folder
     python tests/exercises/judge.py ada.py bob.py --seed 417
 
-Runs `05_evaluate.py --mujoco --noise --far --planner FILE --seed SEED` for each file (also
-`--episodes`), writes to runs/contest/ and prints the points. A file that fails, or takes too long,
-is named and left out. Only --episodes 500, the default, counts. Without a file: the field, as
-shipped in results/.
+Each file walks in 3-D to the same 500 near and 500 far goals, with noise, and to the far ones again
+with pushes of 0.4 m/s; so do `policy` and `baseline_tuned`. Each has a process of its own and half
+an hour. A file that fails or takes too long is named and left out. Writes leaderboard.md and .png
+to runs/contest/. Only --episodes 500, the default, counts. Without a file: the planners of README,
+as shipped in results/.
 """
 
-import argparse
 import csv
 import json
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
+FIELD = ("policy", "baseline_tuned")  # they take part in every contest
 PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
 STAYS = 0.7  # least share of the successes that is still there
+PUSH = 0.4  # [m/s]
 PATIENCE = 1800  # [s] for each file
 
 def points(rows):
@@ -42,20 +47,23 @@ def interval(rows):
     return np.percentile(drawn, [2.5, 97.5])
 
 def ranking(found):
-    """Lines of Markdown for rows {planner: its rows with noise}, best first."""
-    scores = {name: points(rows) for name, rows in found.items()}
+    """Lines of Markdown for rows {planner: near, far, and perhaps far with pushes}, best first."""
+    scores = {name: points(rows[:2]) for name, rows in found.items()}
     lines = ["| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
-             "| points [95 % interval] |", "| --- | --- | --- | --- | --- |"]
+             "| falls when pushed | points [95 % interval] |",
+             "| --- | --- | --- | --- | --- | --- |"]
     for name in sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)):
+        calm, pushed = found[name][:2], found[name][2:]
         cells = [f"`{name}`"]
-        for row in found[name]:
+        for row in calm:
             time = "none" if row["time_mean"] is None else f"{row['time_mean']:.1f} s"
             cells.append(f"{time}, {row['fall']:.3f}, {row['timeout']:.3f}")
-        cells.append(f"{min(row['still_there'] or 0 for row in found[name]):.2f}")
+        cells.append(f"{min(row['still_there'] or 0 for row in calm):.2f}")
+        cells.append(" ".join(f"{row['fall']:.3f}" for row in pushed) or "not walked")
         if scores[name] is None:
             cells.append("disqualified")
         else:
-            low, high = interval(found[name])
+            low, high = interval(calm)
             cells.append(f"{scores[name]:.1f} [{low:.1f}, {high:.1f}]")
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
@@ -73,31 +81,87 @@ def noisy(folder):
             found.setdefault(row["planner"], []).append(row)
     return found
 
+def walk(name, seed, episodes):
+    """In a process of its own: the rows of a planner, as `noisy` has them; name: a file, or one of
+    the field.
+    """
+    sys.path.append(str(ROOT))  # the stages
+    evaluate = import_module("05_evaluate")
+    env = evaluate.env
+    if name in FIELD:
+        shipped = ROOT / "results" / "mujoco" / "policy.pt"
+        planner = evaluate.choose_planners("mujoco", [shipped])[0][name]
+    else:
+        planner = evaluate.load_planner(Path(name))
+    world, rows = env.FootstepWorld(episodes, "mujoco", noise=True), []
+    for far, push in ((False, 0.0), (True, 0.0), (True, PUSH)):
+        world.push = push
+        ended = evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far), True)
+        row = evaluate.summary(name, True, None, ended, env.Task())
+        row["walks"] = list(zip(ended["outcome"].tolist(), ended["time"].tolist()))
+        rows.append(row)
+    world.close()
+    return rows
+
+def plot(found, path):
+    """Points as bars, with their intervals; the best on top."""
+    sys.path.append(str(ROOT))
+    robot_model = import_module("01_robot_model")
+    plt = robot_model.plt
+    scores = {name: points(rows[:2]) for name, rows in found.items()}
+    names = sorted((name for name in found if scores[name] is not None), key=scores.get)[::-1]
+    figure, axis = plt.subplots(figsize=(8, 1.2 + 0.4 * len(names)))
+    for place, name in enumerate(names):
+        low, high = interval(found[name][:2])
+        axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
+        axis.plot([low, high], [place, place], "k", lw=2)
+    axis.set(yticks=range(len(names)), yticklabels=names, xlabel="points [s], the fewest win; line: "
+             "95 % interval")
+    robot_model.save_figure(figure, path)
+
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may not know σ
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py")
-    parser.add_argument("--seed", default="0")
-    parser.add_argument("--episodes", default="500")
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py or FOLDER")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--episodes", type=int, default=500)
+    parser.add_argument("--walk", metavar="PLANNER", help="used by the judge itself")
     args = parser.parse_args()
-    if len({file.stem for file in args.files}) < len(args.files):
-        parser.error("two files of one name: give every contestant's file a name of its own")
-    found = {} if args.files else noisy(ROOT / "results" / "mujoco")
-    for file in args.files:
-        out = ROOT / "runs" / "contest" / file.stem
-        command = [sys.executable, ROOT / "05_evaluate.py", "--mujoco", "--noise", "--far",
-                   "--seed", args.seed, "--episodes", args.episodes, "--out", out,
-                   "--planner", file.resolve()]
+    if args.walk:
+        rows = walk(args.walk, args.seed, args.episodes)
+        args.files[0].write_text(json.dumps(rows), encoding="utf-8")
+        return
+    files = []
+    for path in args.files:
+        if not path.exists():
+            parser.error(f"{path}: no such file or folder")
+        files += sorted(path.glob("*.py")) if path.is_dir() else [path]
+    if len({file.stem for file in files} | set(FIELD)) < len(files) + len(FIELD):
+        parser.error("two planners of one name: give every file a name of its own")
+    if not files:
+        print(ranking(noisy(ROOT / "results" / "mujoco")))
+        return
+    out = ROOT / "runs" / "contest"
+    out.mkdir(parents=True, exist_ok=True)
+    found = {}
+    for planner in (*FIELD, *files):
+        name = Path(planner).stem
+        planner = planner if planner in FIELD else Path(planner).resolve()
+        command = [sys.executable, __file__, out / f"{name}.json", "--walk", planner,
+                   "--seed", str(args.seed), "--episodes", str(args.episodes)]
+        print(f"{name} walks", flush=True)
         try:
             subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=PATIENCE,
                            check=True)
-            found |= noisy(out)
+            found[name] = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))
         except subprocess.TimeoutExpired:
-            print(f"{file} is left out: longer than {PATIENCE / 60:.0f} minutes", file=sys.stderr)
+            print(f"{name} is left out: longer than {PATIENCE / 60:.0f} minutes", file=sys.stderr)
         except subprocess.CalledProcessError:
-            print(f"{file} is left out: see the error above", file=sys.stderr)
-    print(ranking(found))
+            print(f"{name} is left out: see the error above", file=sys.stderr)
+    text = ranking(found)
+    (out / "leaderboard.md").write_text(text, encoding="utf-8")
+    plot(found, out / "leaderboard.png")
+    print(f"{text}\nwritten: leaderboard.md and .png in {out}")
 
 if __name__ == "__main__":
     main()
