@@ -99,6 +99,9 @@ def said_of_the_studies():
            f"{tuned['carrot']['paper']['time']:.1f} s")
     time, = values(tuned["expert"]["finalists"], "time", chosen=True)
     yield f"`expert` needs {time:.1f} s"
+    rows = shipped("mujoco", "evaluation.json")["rows"]
+    near, far = values(rows, "time_mean", planner="search", noise=True)
+    yield f"needs {near:.1f} s to near and {far:.1f} s to far goals"
     steady = walk["limits"]["forward and turning"]
     yield (f"{share(steady['fall_inside'])} of the walks forward and turning fall within the "
            f"limits, and {share(steady['fall_anywhere'])} anywhere on the map")
