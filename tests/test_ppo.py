@@ -508,16 +508,19 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
 
     def run(folder, resume=False):
         folder.mkdir(exist_ok=True)
-        return ppo.train(cfg, make_envs, folder, 5 * cfg.num_envs * cfg.rollout, 3, resume=resume)
+        return ppo.train(cfg, make_envs, folder, 7 * cfg.num_envs * cfg.rollout, 3, resume=resume)
 
     model, rows = run(tmp_path / "whole")
     assert model.sharpness > 2, "the test should see another sharpness than the first"
-    fourth = mock.Mock(wraps=ppo.improve, side_effect=[*[mock.DEFAULT] * 3, KeyboardInterrupt])
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(ppo, "improve", fourth)
-        run(tmp_path / "parts")
-    assert not (tmp_path / "parts" / "policy.pt").exists()
+    for owner, name, calls in (  # killed at this call: in updates 3 and 4, then at the end
+            (ppo, "improve", 4), (ppo, "collect", 3), (ppo, "save_policy", 1)):
+        killed = [*[mock.DEFAULT] * (calls - 1), KeyboardInterrupt]
+        with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+            patch.setattr(owner, name, mock.Mock(wraps=getattr(owner, name), side_effect=killed))
+            run(tmp_path / "parts", resume=name != "improve")
+        assert not (tmp_path / "parts" / "policy.pt").exists()
     resumed, resumed_rows = run(tmp_path / "parts", resume=True)
+    assert (tmp_path / "parts" / "policy.pt").exists(), "it is written before the last checkpoint"
     assert same(model, resumed), (
         "something crosses the checkpoint: generator, episodes, Adam's state or learning rate?")
     assert model.sharpness == resumed.sharpness, "it follows from the number of the update alone"
@@ -528,33 +531,24 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     if world == "probe":
         assert math.isfinite(rows[-2]["return"]), "the test should see episodes end"
 
-def test_a_seed_is_a_training(tmp_path, monkeypatch):
-    seeds, reset = [], Probe.reset
-
-    def noting(self, **arguments):
-        seeds.append(arguments["seed"])
-        return reset(self, **arguments)
-
+def test_a_seed_is_a_training(tmp_path):
     def run(seed, **changes):
         return ppo.train(replace(QUICK, **changes), wandering, tmp_path, 3 * 64, seed)[0]
 
-    monkeypatch.setattr(Probe, "reset", noting)
-    assert same(run(0), run(0)), "the same seed gives the same policy"
-    begin, other = (run(seed, learning_rate=0.0) for seed in (0, 1))
+    with mock.patch.object(Probe, "reset", autospec=True, side_effect=Probe.reset) as reset:
+        assert same(run(0), run(0)), "the same seed gives the same policy"
+        begin, other = (run(seed, learning_rate=0.0) for seed in (0, 1))
     assert not same(begin, other), "another seed, other weights at the beginning"
+    seeds = [call.kwargs["seed"] for call in reset.call_args_list]
     assert seeds[:2] == seeds[2:4] and len({*seeds[:2], *seeds[-2:]}) == 4, (
         "other episodes for another seed, and after every checkpoint")
 
-def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path):
-    closed = []
+def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monkeypatch):
+    closed = mock.Mock()
+    monkeypatch.setattr(Probe, "close_extras", closed)
 
-    class Closing(Probe):
-        def close_extras(self, **_):
-            closed.append(True)
-
-    def run(cfg=QUICK, seed=0, **changes):
-        return ppo.train(cfg, lambda n: Closing(n, zero, constant), tmp_path,
-                         **{"total_steps": 64, "seed": seed, **changes})
+    def run(cfg=QUICK, seed=0, total_steps=64, **changes):
+        return ppo.train(cfg, wandering, tmp_path, total_steps, seed, **changes)
 
     with pytest.raises(ppo.PolicyError, match="no such file"):
         run(resume=True)
@@ -568,7 +562,7 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path):
     ppo.save_policy(tmp_path / "checkpoint.pt", ppo.ActorCritic(1, 1), META)
     with pytest.raises(ppo.PolicyError, match=r"checkpoint\.pt: not written by 04_ppo\.py"):
         run(resume=True)
-    assert len(closed) == 8, "the processes of a simulator would stay"
+    assert closed.call_count == 8, "the processes of a simulator would stay"
 
 def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp_path, monkeypatch):
     about = {"fits": env.fingerprint("mujoco", imu=True), "imu": True, "noise": False}
@@ -588,6 +582,13 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
     assert meta["minutes"] > 0 and meta["config"]["gamma"] == QUICK.gamma
     np.testing.assert_equal(same_rows, rows)
     assert contents(tmp_path) == before, "no file is written again"
+    with monkeypatch.context() as patch, pytest.raises(OSError, match="full"):
+        patch.setattr(ppo, "save_policy", mock.Mock(side_effect=[None, OSError("disk full")]))
+        run(seed=1)
+    for name in ("policy.pt", "policy.previous.pt"):
+        assert contents(tmp_path)[name] == before["policy.pt"], "it is there at every moment"
+    with pytest.raises(ppo.PolicyError, match="no such file"):
+        run(resume=True)  # of the old training: that is over
     run(seed=1)
     files = contents(tmp_path)
     assert files["policy.previous.pt"] == before["policy.pt"] != files["policy.pt"]
@@ -608,38 +609,8 @@ def test_the_first_policy_and_that_after_a_tenth_are_kept(tmp_path):
     assert not same(start[0], tenth[0]) and not same(tenth[0], end[0])
     assert same(end[0], last)
 
-def test_a_new_training_that_is_killed_leaves_the_old_policy_and_no_checkpoint(
-        tmp_path, monkeypatch):
-    def run(seed, resume=False):
-        return ppo.train(QUICK, wandering, tmp_path, 2 * 64, seed, resume=resume)
-
-    run(0)
-    old, save = (tmp_path / "policy.pt").read_bytes(), ppo.save_policy
-
-    def fails(path, *rest):
-        if path.name == "policy.pt":
-            raise OSError("the disk is full")
-        save(path, *rest)
-
-    monkeypatch.setattr(ppo, "save_policy", fails)
-    with pytest.raises(OSError, match="full"):
-        run(1)
-    for name in ("policy", "policy.previous"):
-        assert (tmp_path / f"{name}.pt").read_bytes() == old, "it is there at every moment"
-    with pytest.raises(ppo.PolicyError, match="no such file"):
-        run(0, resume=True)  # of the old training: that is over
-
 FITS = {"simulator": "pymunk", "limits": [0.1, 0.2]}
 META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0}
-
-def test_a_difference_names_both_sides_and_the_simulator_first():
-    other = {"simulator": "mujoco", "limits": [9, 9]}
-    assert ppo.difference(FITS, other) == "simulator is pymunk in the file, but mujoco here"
-    other["simulator"] = "pymunk"
-    assert ppo.difference(FITS, other) == "limits is [0.1, 0.2] in the file, but [9, 9] here"
-    assert ppo.difference({"config": {"a": 1, "b": 2}}, {"config": {"a": 1, "b": 3}}) == (
-        "config: b is 2 in the file, but 3 here"), "only the entry that differs, not all of them"
-    assert ppo.difference(env.fingerprint("mujoco", imu=True), env.fingerprint("mujoco"))
 
 class Foreign:
     """What a file may contain that runs code when it is read carelessly."""
@@ -680,11 +651,16 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
     for save in saves:
         save()
     before = contents(tmp_path)
-    monkeypatch.setattr(torch, "save", lambda stored, file: Path(file).write_bytes(b"half") / 0)
+
+    def killed(stored, file):
+        file.write_bytes(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(torch, "save", killed)
     for save in saves:
-        with pytest.raises(ZeroDivisionError):
+        with pytest.raises(KeyboardInterrupt):
             save()
-        assert contents(tmp_path) == before
+        assert contents(tmp_path) == before, "the old files, and no half of a new one"
 
 def test_the_log_has_every_digit_of_the_steps(tmp_path):
     model = ppo.ActorCritic(1, 1)
@@ -697,16 +673,11 @@ def test_the_log_has_every_digit_of_the_steps(tmp_path):
 # ------------------------------------------------------------------------ the command line
 def told_to_train(arguments, monkeypatch):
     """What `train` is called with by the command line with these arguments, by name."""
-    signature, told = inspect.signature(ppo.train), {}
-
-    def note(*args, **kwargs):
-        told.update(signature.bind(*args, **kwargs).arguments)
-        raise KeyboardInterrupt  # enough seen
-
+    signature, train = inspect.signature(ppo.train), mock.Mock(side_effect=KeyboardInterrupt)
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(ppo, "train", note)
+        patch.setattr(ppo, "train", train)
         ppo.main(arguments)
-    return told
+    return signature.bind(*train.call_args.args, **train.call_args.kwargs).arguments
 
 @pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
     ([], 500_000, "runs/pymunk", "pymunk", True, False),
@@ -721,7 +692,7 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
     assert (told["total_steps"], told["seed"]) == (steps, 5)
     assert told["cfg"] == ppo.PPOConfig() and told["resume"] == ("--resume" in arguments)
     assert Path(told["out"]) == Path(out) and Path(out).is_dir()
-    assert told["about"]["fits"] == env.fingerprint(sim, imu)
+    assert told["about"]["fits"] == env.fingerprint(sim, imu) != env.fingerprint(sim, not imu)
     assert (told["about"]["noise"], told["about"]["imu"]) == (noise, imu)
     envs = told["make_envs"](1)
     assert (envs.world.noise, envs.imu) == (noise, imu), "the flag must reach the environment"
