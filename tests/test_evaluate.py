@@ -136,25 +136,21 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
                                        [[0, -0.02, -0.4], [0, 0.075, 0.6]]], atol=1e-6, err_msg=(
         "the leading foot takes out / (out + in) outward, the other one the rest inward"))
 
-def test_the_paper_s_baseline_shares_turns_only():
-    planner = evaluate.BaselinePlanner()
-    planner.reset(1)
-    steps = env.to_footsteps(planner.act(VIEW, np.array([0]), np.array([[0, 0.9, 1.0]])), LIMITS)
-    close(steps[0], [[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]], atol=1e-12)
-
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, robot, velocities = evaluate.BaselinePlanner(), np.array([1]), []
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
     for goals in ([ahead, aside], [aside]):  # of two trials
         planner.reset(2)
         for goal in goals:
-            planner.act(VIEW, robot, goal)
+            actions = planner.act(VIEW, robot, goal)
             velocities.append(planner.velocity[1].copy())
     share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
     changed = (0.12 * (1 - share), 0.07 * share, 0.3 * share)
-    close(velocities, [(0.12, 0, 0), changed, (0, 0.07, 0.3)], atol=1e-12,
-                               err_msg="the filter smooths changes; before a first command is none")
+    close(velocities, [(0.12, 0, 0), changed, (0, 0.07, 0.3)], atol=1e-12, err_msg=(
+        "the filter smooths changes; before a first command is none"))
     assert np.isnan(planner.velocity[0]).all(), "robot 0 was not asked, only robot 1"
+    steps = [[[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]]]
+    close(env.to_footsteps(actions, LIMITS), steps, atol=1e-12, err_msg="it shares turns only")
 
 # ------------------------------------------------------------------------ statistics
 def test_wilson_interval():
@@ -298,8 +294,7 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     equal(noise[:2], first_noise(Recorder(), world, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
     dice = env.stream("evaluation", 3, 0).spawn(len(env.PURPOSES))[env.PURPOSES.index("noise")]
-    close(noise[0], dice.normal(size=3) * 0.05, err_msg=(
-        "the goal is measured more than once for a decision"))
+    close(noise[0], dice.normal(size=3) * 0.05, err_msg="more than one measurement for a decision")
 
 def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
     class Watching(Recorder):
@@ -403,8 +398,7 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     (actions, robots), (_, standing) = asked[-2:]
     assert robots == list(range(6)), "every success is watched for two more double steps"
     assert standing == [0, 1, 2, 3, 5], "who fell meanwhile does not walk on"
-    close(actions, np.tile(world.neutral_action, (6, 1)), err_msg=(
-        "in place: the planner is not asked"))
+    close(actions, np.tile(world.neutral_action, (6, 1)), err_msg="no planner is asked: in place")
     assert len(planner.measured) == 3, "one measurement a decision, none afterwards"
 
 def test_the_recorded_walk_is_the_measured_one(world):
@@ -526,8 +520,7 @@ def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path
     assert given.friction.tolist() == [0.4] * 2, "--friction goes before what the file says"
 
 # ------------------------------------------------------------------------ which planners
-def test_your_own_policy_goes_before_the_shipped_one_and_rows_are_called_like_files(
-        short_trials, capsys):
+def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, capsys):
     save_untrained(Path("runs/pymunk/policy.pt"), steps=20)
     planners, facts = evaluate.choose_planners("pymunk")
     assert facts == {"file": "runs/pymunk/policy.pt", "imu": False, "steps": 20,
@@ -625,8 +618,7 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
         return evaluated(planner, world, *rest, **more)
 
     monkeypatch.setattr(evaluate, "evaluate", watched)
-    content = call("--noise", "--episodes", 2, "--seed", 6, "--far", "--friction", 0.4,
-                   "--push", 0.3)
+    content = call(*"--noise --episodes 2 --seed 6 --far --friction 0.4 --push 0.3".split())
     assert pushes == [0.3] * 12 + [0.0] * 3, "twelve rows of the table, three walks of a figure"
     names = ["policy", "baseline_tuned", "baseline"]
     assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
@@ -655,24 +647,19 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
 @pytest.fixture
 def window(monkeypatch):
     """What --play takes for its window, and what a mouse and a keyboard do in it."""
-    figure, axes = evaluate.plt.subplots()
+    (figure, axes), left = evaluate.plt.subplots(), iter(range(100))  # pictures
+
+    def do(kind, name, *what):
+        figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
 
     def mouse(name, x, y):
-        place = axes.transData.transform((x, y))
-        event = MouseEvent(f"button_{name}_event", figure.canvas, *place, 1)
-        figure.canvas.callbacks.process(event.name, event)
+        do(MouseEvent, f"button_{name}_event", *axes.transData.transform((x, y)), 1)
 
-    def key(letter):
-        event = KeyEvent("key_press_event", figure.canvas, letter)
-        figure.canvas.callbacks.process(event.name, event)
-
-    left = iter(range(100))  # pictures; more than the story has
     monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
     monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: next(left))
-    return figure, mouse, key
+    return figure, mouse, partial(do, KeyEvent, "key_press_event")
 
-def test_the_robot_does_what_mouse_and_keys_say_until_the_window_closes(
-        short_trials, window, monkeypatch):
+def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatch):
     world, worlds, (figure, mouse, key) = env.FootstepWorld(1), [], window
     step, gain = world.step, world.engine.parameters.reflex
 

@@ -115,19 +115,6 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             close(c[1, 3:5], 0, atol=1e-6, err_msg="there the lean turns back")
             close(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
 
-def test_trunk_rolls_towards_the_support_foot_and_leaves_the_feet_where_they_were():
-    p = replace(walk_engine.TUNED["mujoco"], half_ticks=28, trunk_phase=0, trunk_roll=0.06)
-    engine, half = walk_engine.WalkEngine(1, p, ROBOT), p.half_ticks
-    trajectory, feet = engine.plan(np.array([[[0.08, 0.02, 0.1], [0.06, 0, 0]]]), [0])
-    close(trajectory.trunk[0, [0, half, -1], 3], 0, atol=1e-12, err_msg="upright between knots")
-    points, _ = robot_model.body_points(ROBOT, trajectory.trunk[0], trajectory.joints[0])
-    lifted = points[:, 0, 0, 2] - points[:, 1, 0, 2]  # [T + 1] left hip above the right one [m]
-    assert (lifted[1:half] > 0).all() and (lifted[half + 1 : -1] < 0).all(), (
-        "the left foot swings first: the hip of the SWING foot is lifted")
-    close(points[:, :, 2, :2], feet[0, ..., :2], atol=1e-9)
-    close(points[:, :, 3:, 2], feet[0, ..., 2, None] * np.ones(2), atol=1e-9, err_msg=(
-        "the legs make up for the roll: soles stay level"))
-
 @BOTH
 def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
     engine = make_engine(sim)

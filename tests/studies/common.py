@@ -3,8 +3,7 @@
     python tests/studies/common.py     puts the tables of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return plain numbers)
-`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png to
-runs/<sim>/studies/; `--out results/<sim>/studies` replaces the evidence, and git shows the change.
+`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
 A finished part is written before the next one begins; --only measures one part anew.
 """
 

@@ -5,11 +5,10 @@
 
 The worked example of a planner of one's own, `Planner`. It takes the double step after which the
 fewest are left. How many are left is a map V of all poses around the goal. The script works it out
-once, from the goal outwards, by dynamic programming: the answer of the paper's references [3] and
-[4], A*, for all starts at once. Left out is how the robot moves when a double step begins: a long
-one after a short one may end in a fall. So the script tries sizes of steps, and largest changes
-from one to the next, as `baseline.py` tries its settings. It writes the map of the best to
-search.npz in the folder above the table. The planner reads results/<sim>/search.npz.
+once by dynamic programming: the answer of the paper's references [3] and [4], A*, for all starts at
+once. Left out is how the robot moves when a double step begins. So the script tries sizes of steps
+and largest changes from one to the next. It writes the map of the best to search.npz in the folder
+above the table. The planner reads results/<sim>/search.npz.
 """
 
 import json
@@ -199,8 +198,8 @@ def study(args):
                 planner = planners[factor, change] = Planner((*found, change))
                 ended = baseline.both(world, planner, 1, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
-        paper = common.read_json(
-            common.RESULTS / args.sim / "studies/baseline.json")["carrot"]["paper"]
+        file = common.RESULTS / args.sim / "studies" / "baseline.json"
+        paper = common.read_json(file)["carrot"]["paper"]
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
         rows = []
         for row in tried[:FINALISTS]:

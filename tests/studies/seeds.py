@@ -3,11 +3,9 @@
     python tests/studies/seeds.py [--mujoco] [--only distances | pooled | seeds | imu]
                                   [--out FOLDER]
 
-distances: the shipped planners, to goals at distances from 0 to 6 m. pooled: the shipped policy on
-evaluation seeds 120 to 129, walked once for every recipe that is shipped, after everything has been
-chosen: the next recipe takes 130 to 139. seeds: all trainings (five in 3-D, three on the plane) and
-their opponents; then the trainings on grounds of one friction. imu: three trainings with IMU
-against those without, from the same training seeds.
+pooled: evaluation seeds 120 to 129, walked once, after everything has been chosen; the next recipe
+takes 130 to 139. seeds: all trainings and their opponents, then the trainings on grounds of one
+friction. imu: three trainings with IMU against those without, from the same training seeds.
 All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
 and so on, with `--imu` into imu/seeds/. The median of each kind, by success with noise and then by
 time, is the one to ship.
@@ -71,8 +69,7 @@ def least_time(goals, world):
     """Time [n] in which no robot gets to goals [n, 3], even if every double step went as planned.
 
     So many double steps are needed for the way, if all of them are the longest and lead straight
-    there, and so many for the turn: the larger number counts. (How near the goal must be is the
-    task's.)
+    there, and so many for the turn: the larger number counts.
     """
     task, (low, high) = world.task, np.array([world.limits.low, world.limits.high])
     longest = np.hypot(2 * high[0], high[1] - low[1])  # [m] ahead and sideways
@@ -81,7 +78,6 @@ def least_time(goals, world):
     turn = (np.abs(alpha) - task.success_rad) / (high[2] - low[2])
     return world.engine.period * np.ceil(np.maximum(1, np.maximum(way, turn)))
 
-# ------------------------------------------------------------------------ the parts
 def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
     planners = {name: planner for (name, _), planner in opponents(args.sim).items()

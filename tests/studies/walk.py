@@ -4,10 +4,8 @@
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
 
-(each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. --limits draws
-three maps, and walks random plans. Every cell of a map is eight walks of three and then five equal
-double steps, each varied by ± 5 %. The third map separates long steps from sudden changes of their
-length. --tune prints a line for TUNED.
+(each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. Every cell of a
+map is eight walks. --tune prints a line for TUNED.
 """
 
 from dataclasses import replace
@@ -38,10 +36,6 @@ def speed_plans():
     go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
     shares = (np.arange(LEVELS) + 1) / LEVELS
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
-
-def random_plans(rng, limits, count):
-    """Footsteps [count, 8, 2, 3] drawn evenly within the limits: harder than any planned walk."""
-    return rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
 
 def gyro_errors(rng, count):
     """What `walk` shall do before every double step: give these robots' gyros errors.
@@ -121,9 +115,9 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     that did not fall; steps: share of their double steps before a fall; clearance: median and 5th
     percentile, and slip: median, of `clearance_and_slip` over all walks [m].
     """
-    rng, straight = np.random.default_rng(seed), speed_plans()
-    limits = env.LIMITS[sim]
-    plans = np.concatenate([*[straight] * len(frictions), random_plans(rng, limits, count)])
+    rng, straight, limits = np.random.default_rng(seed), speed_plans(), env.LIMITS[sim]
+    random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
+    plans = np.concatenate([*[straight] * len(frictions), random])
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
@@ -236,20 +230,18 @@ MAPS = {  # title: label of the second axis, its values, first and then from (x,
         lambda x, last: [[[last, 0, 0]] * 2, [[x, 0, 0]] * 2]),
 }
 
-def falls_of(sim, plans, rng):
-    """Which plans [R, K, 2, 3] end in a fall [R], each with a body and a ground of its own."""
+def fall_map(sim, first, then):
+    """Share of falls [R] over plans [R, 2, 3]: three double steps `first`, then five of `then`.
+
+    Each walks on a ground and with a body of its own, its steps varied by ± 5 %.
+    """
+    plans, rng = np.stack([first] * 3 + [then] * 5, 1), np.random.default_rng(0)
+    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
+    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     gyros = gyro_errors(rng, len(plans))
     _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body, gyros)
-    return fall < plans.shape[1]
-
-def fall_map(sim, first, then, seed=0):
-    """Share of falls [R] over plans [R, 2, 3]: three double steps `first`, then five of `then`."""
-    plans = np.stack([first] * 3 + [then] * 5, 1)
-    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
-    rng = np.random.default_rng(seed)
-    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
-    return falls_of(sim, plans, rng).reshape(-1, REPEATS).mean(1)
+    return (fall < plans.shape[1]).reshape(-1, REPEATS).mean(1)
 
 def cells(title, xs, others):
     """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
@@ -306,7 +298,6 @@ def plot(found, sim):
     figure.suptitle(f"Which steps fall in drawn worlds ({sim}); blue: the limits of an action")
     return figure
 
-# ------------------------------------------------------------------------ command line
 def main(argv=None):
     study = import_module("walk")
     parser = common.StudyParser(study)
