@@ -44,8 +44,8 @@ def test_every_study_says_its_question_and_then_its_duration(name, capsys, monke
     main = getattr(study, "main", partial(common.main, name))
     main([flag, "--out", str(tmp_path), *["--only", part] * (len(study.PARTS) > 1)])
     assert capsys.readouterr().out.splitlines()[0].endswith(f": {study.DURATION}")
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f"{name}{end}" for end in (".json", ".md", ".png")}
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {f"{name}.json", f"{name}.md", f"{name}.png"}
 
 def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     parts = {"one": lambda args: {"rows": [1, (2, 3)]}, "two": lambda args: 1 / 0}
@@ -112,7 +112,6 @@ def test_no_robot_can_be_faster_than_the_least_time():
              [0, 0, -2 * turn - 0.18]]
     close(seeds.least_time(np.array(goals), world), 0.6 * np.array([1, 3, 4, 2, 3]))
 
-# ------------------------------------------------------------------------ other worlds
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(400, "pymunk", noise=True, cores=1)
@@ -239,8 +238,7 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     limits, random = env.LIMITS["mujoco"], seen["footsteps"][3 * rows :]
     assert ((random >= limits.low) & (random <= limits.high)).all(), "beyond the limits"
     for found, limit in ((random.min((0, 1)), limits.low), (random.max((0, 1)), limits.high)):
-        close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg=(
-            "random plans use all of the limits"))
+        close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg="plans use all of the limits")
     assert np.ptp(friction[3 * rows :]) > 0.3, "random walks have the ground that they drew"
     assert np.ptp(seen["body"].mass) > 0.1 < seen["gyro"].std(), "all have drawn bodies and gyros"
     moving = sum(walk.PATTERN) * period  # [s]
@@ -437,8 +435,7 @@ def test_double_steps_favour_no_side_and_stay_within_the_limits():
     steps = search.double_steps(LIMITS)
     assert not steps[0].any(), "the first one is in place"
     twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
-    close(twice, steps, atol=1e-12, err_msg=(
-        "what was searched is what will be walked: within the limits"))
+    close(twice, steps, atol=1e-12, err_msg="all within the limits, so walked as searched")
     left_first, right_first = (np.unique(order.reshape(-1, 6).round(9) + 0.0, axis=0)
                                for order in (steps, steps[:, ::-1]))
     equal(left_first, right_first, "what one foot can, the other one can")
@@ -448,8 +445,7 @@ def test_double_steps_favour_no_side_and_stay_within_the_limits():
     assert np.abs(search.double_steps(LIMITS, 0.5)[..., 0]).max() == 0.09, "half of 18 cm"
 
 def test_displacements_are_those_of_a_steady_walk():
-    steps = np.array([[[0, 0, 0], [0, 0, 0]], [[0.05, 0, 0.2], [0.05, 0, -0.2]],
-                      [[9, 0, 0], [9, 0, 0]]])
+    steps = np.array([[[0, 0, 0]] * 2, [[0.05, 0, 0.2], [0.05, 0, -0.2]], [[9, 0, 0]] * 2])
     moves, stood = search.displacements("mujoco", steps)
     assert stood.tolist() == [True, True, False]
     close(moves[:2], [[0, 0, 0], [0.1, 0.02, 0.4]], atol=0.02, err_msg=(
@@ -515,7 +511,6 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
                 search.Planner().act(view, np.array([0]), np.zeros((1, 3)))
         assert len(str(error.value).splitlines()) == 1
 
-# ------------------------------------------------------------------------ baseline
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
     paper = {"fall": 0.0, "time": 20.0, "still_there": 0.98}
     rows = [paper | {"time": 9.0}, paper | {"time": 8.0, "fall": 0.005},
