@@ -539,11 +539,9 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
     equal(world.estimate, before, err_msg="not even by rounding: a seed is an episode, to the bit")
 
 # ------------------------------------------------------------------------ pushes and the gyro
-def disturbances(make, monkeypatch, sim, push, steps, n=16, task=TASK, action=0.5, looks=1):
-    """What n robots of the seeds 0, 1, … suffer in so many double steps: pushes [N] and errors of
-    the gyro [rad/s], [steps, n, T, 2] each; and the world.
-    """
-    world, told, robots = make(env.FootstepWorld, n, sim, True, task, cores=1), [], np.arange(n)
+def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1):
+    """Pushes [N] and errors of the gyro [rad/s] of n robots, [steps, n, T, 2] each; the world."""
+    world, told, robots = make(env.FootstepWorld, n, sim, True, cores=1), [], np.arange(n)
     monkeypatch.setattr(world.sim, "run", lambda trajectory, robots: (
         told.append(trajectory), motion(np.zeros((len(robots), 3)), [False] * len(robots)))[1])
     world.push = push
@@ -576,16 +574,16 @@ def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
         assert counts.min() > 0.6 * counts.mean(), "evenly from all around"
 
 def test_pushes_depend_neither_on_the_planner_nor_on_their_size(make, monkeypatch):
-    (push, gyro, one), (other, same, two), (none, still, three) = (
-        disturbances(make, monkeypatch, "mujoco", size, 8, 3, **more) for size, more in (
-            (0.4, {}), (0.8, {"action": 0.7, "looks": 3}), (0.0, {})))
+    suffer = partial(disturbances, make, monkeypatch, "mujoco")
+    push, gyro, one = suffer(0.4, 8, 3)
+    other, same, _ = suffer(0.8, 8, 3, action=0.7, looks=3)
+    none, still, two = suffer(0.0, 8, 3)
     close(other, 2 * push, err_msg="the same pushes for every planner, twice as strong")
     assert push.any() and not none.any()
     equal(gyro, same)
     equal(gyro, still)
-    alone, _, _ = disturbances(make, monkeypatch, "mujoco", 0.4, 8, 1)
-    equal(alone[:, 0], push[:, 0], err_msg="robot 0, alone or with others")
-    equal(one.estimate, three.estimate, err_msg="drawn, but not used: the noise is the same")
+    equal(suffer(0.4, 8, 1)[0][:, 0], push[:, 0], err_msg="robot 0, alone or with others")
+    equal(one.estimate, two.estimate, err_msg="drawn, but not used: the noise is the same")
 
 def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, monkeypatch):
     _, gyro, world = disturbances(make, monkeypatch, "pymunk", 0.0, 100, 4)
@@ -674,8 +672,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
     plain, other = drawn(), drawn(**change)
     changed = {name for name in plain if not np.allclose(plain[name], other[name], atol=1e-12)}
     assert changed <= may_change and bool(changed) == bool(may_change), (
-        f"{changed} changed: every purpose has a generator of its own, and an episode does "
-        "not go on with the numbers of the last one")
+        f"{changed} changed: every purpose and every episode has a generator of its own")
     if "goals" in change:
         equal(other["goal"], [change["goals"]] * 2)
     if "friction" in change:

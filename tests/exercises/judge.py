@@ -8,11 +8,11 @@ is named and left out. Only --episodes 500, the default, counts. Without a file:
 shipped in results/.
 """
 
-import argparse
 import csv
 import json
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -75,8 +75,7 @@ def noisy(folder):
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may not know σ
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py")
     parser.add_argument("--seed", default="0")
     parser.add_argument("--episodes", default="500")

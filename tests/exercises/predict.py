@@ -7,8 +7,8 @@
     python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -106,8 +106,7 @@ EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "join
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("name", choices=EXPERIMENTS)
     parser.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
                         default="pymunk", help="3-D instead of the sagittal plane")
