@@ -120,8 +120,7 @@ def test_joint_log_prob_is_that_of_independent_numbers():
     first = density(model_with([2.0], [4.0]), x[:, :1])
     second = density(model_with([3.0], [1.5]), x[:, 1:])
     close(density(model_with([2.0, 3.0], [4.0, 1.5]), x), first * second, err_msg=(
-        "the joint log-probability is the SUM (not the mean), and the first number of the action "
-        "has the first α and the first β"))
+        "the SUM of log-probabilities (not the mean); the first number has the first α and β"))
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_the_decision_is_the_mean(alpha, beta):
@@ -247,8 +246,7 @@ def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_pa
         return np.ones_like(obs), fall.astype(float), fall, ~fall
     v = value(learn(either, play, tmp_path)[0], 0)
     assert v == pytest.approx(0.5, abs=0.07), (
-        f"V(0) = {v:.2f}, expected γ·V(1) = 0.50. 0.00: a cut-off is treated like a fall; "
-        "0.33: bootstrapped from the first observation of the NEXT episode")
+        f"V(0) = {v:.2f}, not 0.50. 0.00: as after a fall; 0.33: V of the NEXT episode's first one")
 
 def test_action_goes_to_the_target_of_its_observation(tmp_path):
     play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
@@ -263,16 +261,6 @@ def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
         learn(zero, paid(lambda obs, action: math.nan * obs), tmp_path, updates=2)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
-
-@pytest.mark.slow
-def test_a_short_training_improves_the_pendulum(tmp_path):
-    pendulum = partial(ppo.gym_envs, "Pendulum-v1")
-    _, rows = ppo.train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
-    returns = np.array([row["return"] for row in rows])
-    first, last = returns[1], np.nanmean(returns[-10:])
-    assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"
-    assert {row["length"] for row in rows if math.isfinite(row["return"])} == {200}
-    assert all(math.isnan(row["success"]) for row in rows), "not reported by Pendulum: nan, not 0"
 
 # ------------------------------------------------------------------------ collecting
 def test_collected_observations_are_followed_by_what_really_followed():
@@ -709,8 +697,7 @@ def register(monkeypatch, observations, actions):
     monkeypatch.setitem(gym.registry, "Square-v0", spec)
 
 def test_another_task_gets_flat_observations_and_actions_as_shares(monkeypatch):
-    register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)),
-             gym.spaces.Box(np.float32([-2, 0]), np.float32([2, 8])))
+    register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
     envs = ppo.gym_envs("Square-v0", 2)
     assert envs.single_action_space == gym.spaces.Box(0.0, 1.0, (2,), np.float32)
     assert envs.single_observation_space.shape == (2,)
@@ -728,10 +715,13 @@ def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, capsy
     assert caught.value.code == 2 and "actions in a Box [n], with bounds" in line
 
 def test_command_line_trains_and_tells_what_it_wrote(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(ppo, "GYM_CONFIG", SMALL)
+    monkeypatch.setattr(ppo, "GYM_CONFIG", replace(SMALL, num_envs=1, rollout=201))
     ppo.main(["--env", "Pendulum-v1", "--steps", "1", "--out", str(tmp_path)])
     said = capsys.readouterr().out
     assert "policy.pt" in said, "tell what was written"
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
     assert {"policy.pt", "policy.start.pt", "checkpoint.pt", "learning_curve.csv",
             "learning_curve.png"} == {path.name for path in tmp_path.iterdir()}
+    row = np.genfromtxt(tmp_path / "learning_curve.csv", delimiter=",", names=True)
+    assert row["length"] == 200 and row["return_"] < 0, "an episode has ended"
+    assert math.isnan(row["success"]), "not reported by Pendulum: nan, not 0"

@@ -139,7 +139,6 @@ def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch, tmp_
     gain = walk_engine.TUNED["mujoco"].reflex
     assert met == [(gain * reflex, speed) for reflex, speed, _ in kinds], "what the row says"
 
-# ------------------------------------------------------------------------ learning
 def test_every_reward_term_has_its_ablation():
     nothing = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)), np.zeros((1, 6)), 0, 0
     for name in env.reward_terms(*nothing):
@@ -287,35 +286,6 @@ def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_
         assert score == pytest.approx(want), what
 
 # ------------------------------------------------------------------------ walk: tuning, limits
-def shares(parameters):
-    """What is searched, as shares [12] of the ranges."""
-    low, high = np.array(list(walk.SEARCH.values())).T
-    return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
-
-@pytest.fixture
-def tried(monkeypatch):
-    """Instead of walking, every candidate is scored by its distance to a known optimum."""
-    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
-
-    def measure(sim, parameters, seed):
-        seen.append(shares(parameters))
-        worlds.append(seed)
-        return np.linalg.norm(seen[-1] - optimum)
-
-    monkeypatch.setattr(walk, "measure", measure)
-    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
-    monkeypatch.setattr(walk, "in_words", str)
-    return optimum, seen, worlds
-
-def test_one_round_of_tuning_searches_its_range_and_nothing_else(tried):
-    _, seen, _ = tried
-    for sim, fixed in (("mujoco", ()), ("pymunk", walk.PLANAR_FIXED)):
-        seen.clear()
-        walk.tune(sim, seed=0, iterations=1)
-        assert np.min(seen) > -1e-3 and np.max(seen) < 1.001, "outside of its range"
-        searched = [name for name, width in zip(walk.SEARCH, np.ptp(seen, 0)) if width > 0]
-        assert searched == [name for name in walk.SEARCH if name not in fixed], sim
-
 def test_one_round_of_tuning_walks(capsys, monkeypatch):
     monkeypatch.setattr(walk, "LEVELS", 2)
     monkeypatch.setattr(walk, "PLANS", 4)
@@ -325,9 +295,29 @@ def test_one_round_of_tuning_walks(capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert "score of the mean" in shown and "clearance" in shown
 
-def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(tried):
-    optimum, seen, worlds = tried
-    found = shares(walk.tune("mujoco", seed=1, iterations=15))
+def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch):
+    """Instead of walking, every candidate is scored by its distance to a known optimum."""
+    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
+    low, high = np.array(list(walk.SEARCH.values())).T
+
+    def shares(parameters):  # what is searched, as shares [12] of the ranges
+        return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
+
+    def measure(sim, parameters, seed):
+        seen.append(shares(parameters))
+        worlds.append(seed)
+        return np.linalg.norm(seen[-1] - optimum)
+
+    monkeypatch.setattr(walk, "measure", measure)
+    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
+    monkeypatch.setattr(walk, "in_words", str)
+    for sim, fixed in (("pymunk", walk.PLANAR_FIXED), ("mujoco", ())):
+        seen.clear()
+        worlds.clear()
+        found = shares(walk.tune(sim, seed=1, iterations=15))
+        assert np.min(seen) > -1e-3 and np.max(seen) < 1.001, "outside of its range"
+        searched = [name for name, width in zip(walk.SEARCH, np.ptp(seen, 0)) if width > 0]
+        assert searched == [name for name in walk.SEARCH if name not in fixed], sim
     close(seen[0], shares(walk_engine.TUNED["mujoco"]), atol=1e-3, err_msg="where the last ended")
     rounds, worlds = np.reshape(seen, (15, 28, -1)), np.reshape(worlds, (15, 28))
     away = np.linalg.norm(rounds - optimum, axis=-1)  # [15, 28]

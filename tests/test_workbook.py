@@ -1,5 +1,4 @@
-"""The exercises to be written: clean sheets, the grading and its last words, and whether it is
-right: plausible wrong solutions must be rejected with a message that fits."""
+"""The exercises: clean sheets, and a grading that rejects wrong solutions with words that fit."""
 
 import ast
 import contextlib
@@ -138,11 +137,9 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     done = grade("alice smith", "-k", "wrap or compose or low_pass or gae", cwd=tmp_path)
     words = last_words(done)
     assert done.returncode == 1 and "grading" in done.stdout and "01_robot_model.py" in done.stdout
-    assert re.search(r"^compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
-                     r"  Hints: tests/exercises/README.md, exercise \"compose\"$", words,
-                     re.MULTILINE), words
-    assert re.search(r"^wrap ★: 0 of \d tests pass\n  - wrap is not written yet$", words,
-                     re.MULTILINE), words
+    assert re.search(r"compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
+                     r"  Hints: tests/exercises/README.md, exercise \"compose\"\n", words), words
+    assert re.search(r"wrap ★: 0 of \d tests pass\n  - wrap is not written yet\n", words), words
     assert "low_pass ★: not handed in, there is no 05_evaluate.py" in words
     assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in words, "and others are graded"
     assert "alice smith: 0 of 4 exercises solved, 0 of 5 stars" in words
@@ -173,9 +170,8 @@ def test_an_endless_loop_is_stopped(tmp_path):
 
 def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     def said(message):
-        return grading.hint(SimpleNamespace(
-            nodeid="tests/test_ppo.py::test_gae_is_right[1.0]",
-            longrepr=SimpleNamespace(reprcrash=SimpleNamespace(message=message))))
+        longrepr = SimpleNamespace(reprcrash=SimpleNamespace(message=message))
+        return grading.hint(SimpleNamespace(nodeid="x.py::test_gae_is_right", longrepr=longrepr))
 
     assert said("AssertionError: mind the\n  sign\nassert 1 == 2") == "mind the sign"
     assert said("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
@@ -184,7 +180,7 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
                 "  Obtained: -3.0\n  Expected: 3.0") == "its sign (got -3.0, expected 3.0)"
     assert said("ValueError: output array is read-only") == "what is given must not be written to"
-    assert said("assert 1 == 2\n + where") == "gae is right[1.0]: assert 1 == 2"
+    assert said("assert 1 == 2\n + where") == "gae is right: assert 1 == 2"
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
 # ------------------------------------------------------------------------ is the grading right?

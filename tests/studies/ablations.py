@@ -23,10 +23,7 @@ DURATION = "80 minutes on two cores; 3-D: 4 hours, decision 40 minutes of them"
 STEPS, GOALS = 100_000, 500  # double steps of a training, near and far goals for it
 
 class GaussianActor(ppo.ActorCritic):
-    """The usual choice instead of the Beta: it may sample outside [0, 1].
-
-    The environment gets the clipped action; the log-probability is that of the unclipped one.
-    """
+    """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)

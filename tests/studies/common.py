@@ -68,10 +68,7 @@ def run(name):
     robot_model.run(lambda: main(name))
 
 def publish(study, part, args):
-    """Measure a part of a study, then write what is known of all its parts.
-
-    NAME.json has the numbers by part; those of a study with one part, called "", directly.
-    """
+    """Measure a part of a study, "" if it is the only one, then write all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if part:
@@ -179,8 +176,7 @@ def without_reflex(world):
 def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, friction=np.nan,
           purpose="evaluation"):
     """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
-
-    The studies begin at 1. Seeds from 120 on judge what they have chosen, see `seeds.py`.
+    Seeds from 120 on judge what the studies have chosen, see `seeds.py`.
     """
     parts, per_set = [], per_set or PER_SET
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):

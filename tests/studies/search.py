@@ -25,10 +25,7 @@ FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
 # ------------------------------------------------------------------------ the map
 def double_steps(limits, factor=1.0):
-    """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
-
-    8 lengths × 5 sideways × 7 turns, within the limits times a factor.
-    """
+    """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
     low, high = factor * np.array(limits.low), factor * np.array(limits.high)
     lengths = np.linspace(low[0], high[0], 8)
     shares = np.meshgrid(lengths, np.linspace(-1, 1, 5), np.linspace(-1, 1, 7), indexing="ij")
@@ -43,10 +40,8 @@ def double_steps(limits, factor=1.0):
     return steps
 
 def displacements(sim, steps):
-    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
-
-    Measured once, at the middle of the spread, the mean of both delays: the third to sixth of six
-    in a row. Also returns which of them stood, bool [A].
+    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3]; and
+    which of them stood. Measured at the middle of the spread: the third to sixth of six in a row.
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
     n, spread = len(plans), env.Spread()
@@ -149,10 +144,8 @@ class Planner:
         return actions[left.argmin(1)]
 
 def read_map(limits):
-    """The shipped map of the simulator with these step limits; else a PolicyError of one line.
-
-    steps [A, 2, 3]: the double steps that stood; moves [A, 3]: where they take the robot; V; how
-    far an action may be from the last one [share of limits].
+    """The shipped map of the simulator with these limits: steps [A, 2, 3] that stood, moves [A, 3],
+    V, and how far an action may be from the last one; else a PolicyError of one line.
     """
     sim = next((sim for sim, known in env.LIMITS.items() if known == limits), None)
     path = common.RESULTS / f"{sim}" / "search.npz"

@@ -36,10 +36,8 @@ def opponents(sim):
     return {(name, None): planner for name, planner in planners.items()}
 
 def walked(sim, planners, noises, sets, first=1, references=()):
-    """Rows of these planners for near and far goals.
-
-    Policies get their time relative to that of the references; those with IMU that relative to the
-    policy of the same training seed, too.
+    """Rows of these planners for near and far goals; a policy's time also relative to that of
+    the references, and with an IMU to that without, from the same training seed.
     """
     rows = []
     with common.world(sim) as world:
@@ -66,10 +64,8 @@ def median_seed(rows):
     return seeds[len(seeds) // 2]
 
 def least_time(goals, world):
-    """Time [n] in which no robot gets to goals [n, 3], even if every double step went as planned.
-
-    So many double steps are needed for the way, if all of them are the longest and lead straight
-    there, and so many for the turn: the larger number counts.
+    """Time [n] in which no robot gets to goals [n, 3]: so many double steps are needed for the way,
+    if all are the longest, and so many for the turn; the larger number counts.
     """
     task, (low, high) = world.task, np.array([world.limits.low, world.limits.high])
     longest = np.hypot(2 * high[0], high[1] - low[1])  # [m] ahead and sideways

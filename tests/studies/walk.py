@@ -38,10 +38,7 @@ def speed_plans():
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
 
 def gyro_errors(rng, count):
-    """What `walk` shall do before every double step: give these robots' gyros errors.
-
-    As in the world of stage 3: a constant one of each robot, and white noise in every tick.
-    """
+    """`disturb` of `walk`, as in stage 3: each gyro's constant error, and noise at every tick."""
     largest = env.Spread().gyro
     constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
 
@@ -185,10 +182,8 @@ def changed(start, names, x):
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
 
 def tune(sim, seed, iterations=10, population=28, elite=7):
-    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
-
-    It begins at TUNED: after pasting the result there, a second call goes on. [5] used a
-    tree-structured Parzen estimator for the same question. Returns WalkParameters.
+    """Cross-entropy method, from TUNED on: draw candidates, keep the best quarter, draw nearer to
+    them. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
     """
     start = walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
@@ -231,9 +226,8 @@ MAPS = {  # title: label of the second axis, its values, first and then from (x,
 }
 
 def fall_map(sim, first, then):
-    """Share of falls [R] over plans [R, 2, 3]: three double steps `first`, then five of `then`.
-
-    Each walks on a ground and with a body of its own, its steps varied by ± 5 %.
+    """Share of falls [R] of drawn robots, plans [R, 2, 3]: three double steps `first`, then five
+    of `then`, varied by ± 5 %.
     """
     plans, rng = np.stack([first] * 3 + [then] * 5, 1), np.random.default_rng(0)
     plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
