@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -22,15 +23,8 @@ GAMMA = import_module("04_ppo").PPOConfig().gamma
 @pytest.fixture
 def make():
     """make(kind, ...): an environment or a world, closed after the test."""
-    made = []
-
-    def build(kind, *args, **kwargs):
-        made.append(kind(*args, **kwargs))
-        return made[-1]
-
-    yield build
-    for one in made:
-        one.close()
+    with ExitStack() as stack:
+        yield lambda kind, *args, **more: stack.enter_context(closing(kind(*args, **more)))
 
 def motion(poses, fell):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says."""

@@ -3,6 +3,7 @@
 import math
 import threading
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -26,16 +27,13 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 @pytest.fixture
 def make_sim(tmp_path, monkeypatch):
     """make_sim(name, N, ...): a simulator whose robots stand; closed after the test."""
-    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
-    made = []
-
     def make(name, num_robots=1, cores=1, standing=None, robot=ROBOT):
-        made.append(robot_model.make_sim(name, num_robots, standing or stance(name), robot, cores))
-        return made[-1]
+        sim = robot_model.make_sim(name, num_robots, standing or stance(name), robot, cores)
+        return stack.enter_context(closing(sim))
 
-    yield make
-    for sim in made:
-        sim.close()
+    monkeypatch.chdir(tmp_path)  # where MuJoCo would write its log
+    with ExitStack() as stack:
+        yield make
 
 def stance(name):
     """Torso pose [6] and joints [12] from which a simulator starts."""

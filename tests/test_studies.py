@@ -30,7 +30,6 @@ def one_process(monkeypatch):
     """Starting processes takes longer than these walks."""
     monkeypatch.setattr(robot_model, "CORES", 1)
 
-# ------------------------------------------------------------------------ files and pages
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
     study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
@@ -68,7 +67,6 @@ def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
         assert all(axes.lines for axes in figure.axes)
         common.plt.close(figure)
 
-# ------------------------------------------------------------------------ walks
 def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)
     planner, short = evaluate.BaselinePlanner(), replace(env.Task(), time_limit=2.6)  # [s]
@@ -165,7 +163,6 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     model.actor[-1].bias.data += 0.4
     close(model.decide(obs)[0], [0.6, 0.9, 1.0], atol=0.02, err_msg="clipped")
 
-# ------------------------------------------------------------------------ walk: measuring
 def test_highest_speed_ignores_everything_beyond_the_first_fall():
     levels, count = walk.LEVELS, len(walk.PATTERN)
     moving = sum(walk.PATTERN) * 0.5  # [s]
@@ -285,7 +282,6 @@ def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_
         score = walk.score(*sim or ["mujoco"], measured | changed)
         assert score == pytest.approx(want), what
 
-# ------------------------------------------------------------------------ walk: tuning, limits
 def test_one_round_of_tuning_walks(capsys, monkeypatch):
     monkeypatch.setattr(walk, "LEVELS", 2)
     monkeypatch.setattr(walk, "PLANS", 4)
@@ -339,7 +335,6 @@ def test_the_shipped_share_of_falls_is_that_within_the_limits():
             falls = np.array(found[title]["falls"])[inside]
             assert falls.mean() == pytest.approx(found[title]["fall_inside"], abs=1e-4), title
 
-# ------------------------------------------------------------------------ search: the map
 HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
 LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
 ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
@@ -441,7 +436,6 @@ def test_displacements_are_those_of_a_steady_walk():
     close(moves[:2], [[0, 0, 0], [0.1, 0.02, 0.4]], atol=0.02, err_msg=(
         "a double step, seen from where the robot was and looked before"))
 
-# ------------------------------------------------------------------------ search: the planner
 STEPS = np.zeros((len(LATTICE), 2, 3))
 STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
 

@@ -27,7 +27,6 @@ def random_footsteps(rng, *shape):
     """Left and right footsteps [..., 2, 3], about as large as those of the task."""
     return rng.uniform((-0.08, -0.03, -0.2), (0.12, 0.07, 0.3), (*shape, 2, 3))
 
-# ---------------------------------------------------------------- quintic splines
 def test_quintic_meets_its_six_boundary_conditions():
     rng = np.random.default_rng(0)
     for duration in rng.uniform(0.2, 2.0, 5):
@@ -50,7 +49,6 @@ def test_rest_to_rest_is_the_minimum_jerk_curve():
     close(walk_engine.polynomial(c, 0.7 * tau), want, atol=1e-9, err_msg=(
         "from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends"))
 
-# ---------------------------------------------------------------- the plan
 @BOTH
 def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
     engine, rng, dt = make_engine(sim), np.random.default_rng(3), ROBOT.control_dt
@@ -204,7 +202,6 @@ def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
     torso[0] += engine.parameters.trunk_x_offset  # where the simulator's frame begins
     close(trajectory.trunk[:, 0], np.tile(torso, (n, 1)), atol=1e-9)
 
-# ---------------------------------------------------------------- walks
 @BOTH
 def test_it_walks_what_is_commanded(sim):
     count, tests = 8, {  # steps of left and right foot, and the axis along which they move

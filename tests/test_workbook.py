@@ -44,7 +44,6 @@ def last_words(done):
 def text_of(name):
     return sheet.find(BOOK[name].file).read_text(encoding="utf-8")
 
-# ------------------------------------------------------------------------ the list
 def test_readme_and_list_agree():
     heads = re.findall(r"^#### (\w+) (★+) (\d+) minutes$", README, re.MULTILINE)
     assert heads == [(name, "★" * row.stars, str(row.minutes)) for name, row in BOOK.items()], (
@@ -62,7 +61,6 @@ def test_readme_and_list_agree():
         for function in row.functions:
             assert f"`{function}`" in part, f"{row.name}: {function} is to be written, too"
 
-# ------------------------------------------------------------------------ sheets
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
         source = sheet.find(Path(file).stem).read_text(encoding="utf-8")
@@ -107,7 +105,6 @@ def test_a_sheet_that_cannot_be_written_is_one_line(arguments, mention):
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
     assert mention in done.stderr
 
-# ------------------------------------------------------------------------ grading
 def submission(folder, **bodies):
     """A folder with the files of these exercises only; None: empty, else another body."""
     folder.mkdir()
@@ -183,7 +180,6 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("assert 1 == 2\n + where") == "gae is right: assert 1 == 2"
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
-# ------------------------------------------------------------------------ is the grading right?
 @cache
 def solution(name):
     """The text of the exercise's functions only, a method below a line with its class."""

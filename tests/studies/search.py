@@ -194,10 +194,8 @@ def study(args):
         file = common.RESULTS / args.sim / "studies" / "baseline.json"
         paper = common.read_json(file)["carrot"]["paper"]
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
-        rows = []
-        for row in tried[:FINALISTS]:
-            planner = planners[row["factor"], row["change"]]
-            rows.append(row | baseline.final(world, planner))
+        rows = [row | baseline.final(world, planners[row["factor"], row["change"]])
+                for row in tried[:FINALISTS]]
         best, rule = baseline.choose(rows, paper)
     path = args.out.parent / "search.npz"
     known = planners[best["factor"], best["change"]].known
