@@ -31,7 +31,6 @@ PERIOD = 2 * TICK * env.walk_engine.TUNED["pymunk"].half_ticks  # [s] a double s
 VIEW = env.View(PERIOD, LIMITS, None, None, None)
 plot_footsteps = evaluate.plot_footsteps  # `short_trials` puts it aside
 
-# ------------------------------------------------------------------------ the baseline's equations
 def command(x, y, yaw=0.0, settings=B):
     return evaluate.velocity_command(np.broadcast_to([x, y, yaw + 0.0], (1, 3)), settings)[0]
 
@@ -154,7 +153,6 @@ def test_only_the_first_command_of_a_trial_is_not_filtered():
     steps = [[[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]]]
     close(env.to_footsteps(actions, LIMITS), steps, atol=1e-12, err_msg="it shares turns only")
 
-# ------------------------------------------------------------------------ statistics
 def test_wilson_interval():
     hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
     assert evaluate.wilson(5, 10) == pytest.approx([0.2366, 0.7634], abs=1e-4), hint
@@ -248,7 +246,6 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
     assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
 
-# ------------------------------------------------------------------------ trials
 class Recorder:
     """Steps on the spot and remembers what it was told."""
 
@@ -336,8 +333,7 @@ def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypat
     equal(again.goals, asked.goals[chosen], "to the last bit")
     second = evaluate.evaluate(Hasty(), world, again, noise=True)
     for name, values in first.items():
-        equal(second[name], values[chosen], err_msg=(
-            f"{name}: a trial is its goal, seed, number and μ, not its line in the file"))
+        equal(second[name], values[chosen], err_msg=f"{name}: fixed by goal, seed, number and μ")
     equal(world.pose[:4], ends[chosen], "to the last bit")
 
 OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
@@ -397,8 +393,7 @@ def test_the_recorded_walk_is_the_measured_one(world):
     steps = len(walk["feet"])
     ticks = steps * 2 * world.engine.parameters.half_ticks
     assert walk["torso"].shape == (ticks, 6) and walk["joints"].shape == (ticks, 12)
-    equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg=(
-        "the picture must show the simulator's pose, not the commanded one"))
+    equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg="the simulator's pose, not the plan")
 
 def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
@@ -414,8 +409,7 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     walk, = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
-    close(walk["feet"][-1], planned, atol=1e-6, err_msg=(
-        "left and right: x, y of the ankle's projection [m], yaw [rad]"))
+    close(walk["feet"][-1], planned, atol=1e-6, err_msg="x, y of the ankle's projection, yaw")
 
 @pytest.mark.parametrize("imu, seen", [(False, 20), (True, 25)])
 def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
@@ -426,7 +420,6 @@ def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
     found = evaluate.PolicyPlanner(model, imu).act(view, np.arange(2), np.zeros((2, 3)))
     equal(found, model.decide(observation[:, :seen]), err_msg="the IMU's rows are the last ones")
 
-# ------------------------------------------------------------------------ files
 def save_untrained(path, sim="pymunk", imu=False, steps=10):
     """A policy that steps on the spot whatever it sees: nearly its first one."""
     torch.manual_seed(0)
@@ -571,7 +564,6 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     with pytest.raises(FileNotFoundError, match="of mine"):  # it is no bad file
         call("--planner", path)
 
-# ------------------------------------------------------------------------ from end to end
 def test_from_a_policy_file_to_the_table(short_trials, capsys):
     second = save_untrained(Path("second.pt"))
     own_planner("mine.py", "actions[:, [0, 3]] += 0.3")  # it walks past the second goal

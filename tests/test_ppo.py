@@ -25,7 +25,6 @@ EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns
 COLUMNS = ("steps", "minutes", *EPISODES, "entropy", "clip_fraction", "approx_kl",
            "explained_variance", "value_loss", "learning_rate")  # of learning_curve.csv
 
-# ------------------------------------------------------------------------ the equations
 def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
     """A_t = Σ_l (γλ)^l δ_{t+l}, written as the double sum, for one environment."""
     advantages = []
@@ -86,7 +85,6 @@ def test_clipped_objective_truth_table():
     assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
         "ε is the argument `clip`, not always 0.2")
 
-# ------------------------------------------------------------------------ the networks
 def model_with(alpha, beta):
     """A model in double precision whose policy is Beta(α, β), two arrays [k], whatever it sees."""
     model = ppo.ActorCritic(1, len(alpha)).double()
@@ -128,8 +126,7 @@ def test_the_decision_is_the_mean(alpha, beta):
     for model.sharpness in (1.0, 3.0):
         mean = np.mean(GRID * density(model, GRID[:, None]))
         decided = model.float().decide(np.zeros((3, 1)))
-        close(decided, mean, atol=2e-3, err_msg=(
-            "∫ x·p(x), α/(α+β) of the policy as it is; (α−1)/(α+β−2) would be the mode"))
+        close(decided, mean, atol=2e-3, err_msg="∫ x·p(x) = α/(α+β), not (α−1)/(α+β−2), the mode")
         model.double()
 
 def test_first_policy_is_around_first_action():
@@ -178,7 +175,6 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
         pi.log_prob(x).sum().backward()
         assert all(torch.isfinite(p.grad).all() for p in model.actor.parameters()), "gradient"
 
-# ------------------------------------------------------------------------ one fault each
 class Probe(gym.vector.VectorEnv):
     """A world in two functions: first(rng, n) -> obs [n, 1] and
     play(obs, action) -> next obs, reward, terminated, truncated. Resets in the same step."""
@@ -262,7 +258,6 @@ def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
 
-# ------------------------------------------------------------------------ collecting
 def test_collected_observations_are_followed_by_what_really_followed():
     def first(rng, n):
         return rng.random((n, 1)).astype(np.float32)
@@ -305,7 +300,6 @@ def test_episode_means_count_ended_episodes_only():
     assert got["time"] == pytest.approx(6.0), "the time counts only where the goal was reached"
     assert math.isnan(ppo.episode_means(infos[2:])["time"]), "no success: nan, not 0"
 
-# ------------------------------------------------------------------------ one update from inside
 def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
     """Invented data [T, N, …] with actions of this model."""
     generator = torch.Generator().manual_seed(1)
@@ -414,7 +408,6 @@ def test_advantages_are_normalised():
         apart = (updated(scale, shift) - plain).norm() / (plain - start).norm()
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
 
-# ------------------------------------------------------------------------ the loop
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
     rates, sharpness = [], []
 
@@ -459,7 +452,6 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     assert made == [(1, 1, (8,), 0.3, 12.0), (1, 1, (8,), 0.5, 12.0)], (
         "observation, action, hidden layers, the neutral action or else the middle, concentration")
 
-# ------------------------------------------------------------------------ resuming and files
 QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, checkpoint_every=2,
                       hidden=(8,))
 
@@ -502,8 +494,7 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
         assert not (tmp_path / "parts" / "policy.pt").exists()
     resumed, resumed_rows = run(tmp_path / "parts", resume=True)
     assert (tmp_path / "parts" / "policy.pt").exists(), "it is written before the last checkpoint"
-    assert same(model, resumed), (
-        "something crosses the checkpoint: generator, episodes, Adam's state or learning rate?")
+    assert same(model, resumed), "generator, episodes, Adam's state or learning rate are not kept"
     assert model.sharpness == resumed.sharpness, "it follows from the number of the update alone"
     for row, other in zip(rows, resumed_rows, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
@@ -647,7 +638,6 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
             save()
         assert contents(tmp_path) == before, "the old files, and no half of a new one"
 
-# ------------------------------------------------------------------------ the command line
 def told_to_train(arguments, monkeypatch):
     """What `train` is called with by the command line with these arguments, by name."""
     signature, train = inspect.signature(ppo.train), mock.Mock(side_effect=KeyboardInterrupt)

@@ -139,7 +139,6 @@ def velocity(model, data):
     mujoco.mj_subtreeVel(model, data)
     return data.subtree_linvel[0].copy()
 
-# ---------------------------------------------------------------- poses in the plane
 def test_compose_multiplies_matrices_and_relative_undoes_it():
     for shape in (40,), (), (2, 4):  # a batch, one pose, rows of poses
         poses = np.random.default_rng(2).uniform(-1, 1, (2, *shape, 3)) * [1, 1, 3]
@@ -165,7 +164,6 @@ def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     close(np.exp(1j * wrapped), np.exp(1j * angles), atol=1e-9, err_msg=(
         "whole turns only are taken away: cos + i·sin stays, for it is the same direction"))
 
-# ---------------------------------------------------------------- kinematics
 def random_joints(rng, count):
     """Joint angles [count, 12] inside the limits, knees bent, hips above the soles."""
     low, high = [-1.0, -0.6, -1.2, 0.05, -1.2, -0.6], [1.0, 0.6, 0.6, 2.2, 0.3, 0.6]
@@ -268,7 +266,6 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     _, got = robot_model.leg_points(ROBOT, joints[free])
     close(got, foot[free], atol=1e-6, err_msg="clipped nowhere, but the foot is turned otherwise")
 
-# ---------------------------------------------------------------- one robot model
 MUJOCO_LINKS = ["torso", *(f"{side} {link}" for side in ("left", "right")
                            for link in ("hip", "thigh", "shin", "foot"))]
 
@@ -292,8 +289,7 @@ def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_si
     planar = sum(body.mass for body in bodies)
     assert planar == pytest.approx(MASS), "are both hip motors in the planar torso?"
     centre = sum(np.array(body.position) * body.mass for body in bodies) / planar
-    close(centre, data.subtree_com[0][[0, 2]], atol=1e-9, err_msg=(
-        "the same posture, but the masses are elsewhere in one simulator"))
+    close(centre, data.subtree_com[0][[0, 2]], atol=1e-9, err_msg="masses are elsewhere in one")
     # Turning the stiff robot about y: I = Σ (Iᵢ + mᵢ·dᵢ²); without the rotors of its six motors
     got = sum(body.moment + body.mass * (body.position - tuple(centre)).length ** 2
               for body in bodies) - 6 * ROBOT.armature
@@ -360,7 +356,6 @@ def test_fall_means_half_the_height_or_45_degrees():
             f"height {height:.2f} m of {standing} m, roll {roll}°, pitch {pitch}° is "
             f"{('no', 'a')[fell]} fall" + any((roll, pitch)) * ": cos(tilt) = cos roll · cos pitch")
 
-# ---------------------------------------------------------------- standing and falling
 @BOTH
 def test_robot_stands_where_it_was_put(make_sim, name):
     sim, (torso, joints) = make_sim(name, 2), stance(name)
@@ -426,7 +421,6 @@ def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
     close([piece.torso[0, 0] for piece in pieces], motion.torso[first, : tick + 1], atol=1e-9,
           err_msg="a part of the state is forgotten between two runs")
 
-# ---------------------------------------------------------------- the reflex
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     plan, robot = still("mujoco", 1, 0.05), replace(ROBOT, control_dt=0.01)
     plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
@@ -544,7 +538,6 @@ def test_planar_foot_slides_with_the_friction_it_drew(make_sim):
         assert mu == pytest.approx(friction, rel=0.02), (
             f"μ = {mu:.3f}; pymunk MULTIPLIES the friction of both shapes")
 
-# ---------------------------------------------------------------- motors and joints
 def planar_torque(sim):
     """Size of the motors' torque in the last physics step, [N, 6] [N m]."""
     return np.array([[abs(motor.impulse) / STEP for motor in motors] for motors in sim.motors])
@@ -580,8 +573,7 @@ def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
         data.qvel[6:] = share * np.tile(ROBOT.speed_limit, 2)
         mujoco.mj_forward(sim.model, data)
         torque = data.qfrc_actuator[6:] + data.qfrc_passive[6:]
-        close(torque, (1 - share) * limit, atol=1e-6, err_msg=(
-            "a motor's torque falls on a line to zero at its speed limit"))
+        close(torque, (1 - share) * limit, atol=1e-6, err_msg="a line to zero at its speed limit")
 
 @BOTH
 def test_motors_of_a_standing_robot_carry_the_weight_above_them(make_sim, name):
@@ -631,14 +623,12 @@ def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
     assert (error < [0.01, 0.03, 0.01]).all(), (
         f"{error.round(3)} rad/s about x, y, z: rates of roll, pitch, yaw, or the world's axes?")
 
-# ---------------------------------------------------------------- bodies that differ
 MUJOCO_JOINTS = [f"{side} {joint}" for side in ("left", "right") for joint in robot_model.JOINTS]
 
 def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
     sim, body, like = make_sim("mujoco", 3), bodies(2, **SPREAD), nominal()
     sim.reset([2, 0], body)
-    equal(sim.models[1].body_mass, like.body_mass, err_msg=(
-        "robot 1 was not reset: it shares what robots 2 and 0 drew"))
+    equal(sim.models[1].body_mass, like.body_mass, err_msg="robot 1 shares what others drew")
     links = [like.body(link).id for link in MUJOCO_LINKS]
     motors = [like.actuator(joint).id for joint in MUJOCO_JOINTS]
     turning = [like.joint(joint).dofadr[0] for joint in MUJOCO_JOINTS]
@@ -704,7 +694,6 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
             "every target, also the last of a run, comes a tick later, with what the reflex adds"))
         last = plan.joints[:, -2:-1]
 
-# ---------------------------------------------------------------- many robots
 @BOTH
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     plans, standing = walking(name, 4, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
@@ -721,8 +710,7 @@ def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     spread.reset([1])
     got, want, new = (sim.run(plans[1], np.arange(4)) for sim in (spread, one, fresh))
     assert_same_motion(got, want, [0, 2, 3], [0, 2, 3], "robot 1 was reset, and others changed")
-    assert_same_motion(got, new, 1, 1, (
-        "something of the last episode survives a reset, or a part of the body does not"))
+    assert_same_motion(got, new, 1, 1, "a reset keeps more than the body, or less")
     assert got.torso[1, -1, 0] < want.torso[1, -1, 0] - 0.03, "robot 1 starts at the origin again"
     two = make_sim(name, 2, standing=standing)
     two.reset([0], bodies(1))  # robot 1 never gets one

@@ -246,8 +246,7 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     assert got["steps"] == 0.75, "the share of random double steps"
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
-    close(got["clearance"], want, atol=1e-9, err_msg=(
-        "lowest corner of the SWING foot between 30 and 70 % of its swing"))
+    close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
     assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
 
 def test_gyros_have_the_errors_of_stage_03():
