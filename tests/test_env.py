@@ -221,7 +221,6 @@ def test_soles_never_touch_within_the_limits(sim, often):
     ends = np.array(list(itertools.product(*zip(limits.low, limits.high))))  # [8, 3]
     worst = np.array(list(itertools.product(ends, ends)))  # [64, 2, 3] left, right
     inside = rng.uniform(limits.low, limits.high, (2, 500, 2, 3))
-    # Every one, and after it eight of them, or every one.
     plans = [np.concatenate([worst.repeat(often, 0), inside[0]]),
              np.concatenate([np.tile(rng.permutation(worst), (often, 1, 1)), inside[1]])]
     engine = walk_engine.WalkEngine(len(plans[0]), walk_engine.TUNED[sim], planar=sim == "pymunk")
@@ -366,8 +365,7 @@ def test_discounted_progress_telescopes(name):
         f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}")
 
 def straight_walk(goal, stop=0.0):
-    """Goals seen from a robot that walks and turns to `stop` [m] before the goal, 0.15 m or 0.3 rad
-    in a double step."""
+    """Goals seen from a robot on its way to `stop` [m] before the goal: 0.15 m or 0.3 rad a step."""
     d, alpha, beta = env.polar(np.array(goal, float))
     count = math.ceil(d / 0.15 + (abs(alpha) + abs(beta)) / 0.3)
     return np.linspace(1, stop / d, count + 1)[:, None] * [*goal[:2], alpha]
@@ -508,7 +506,7 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
         close(world.variance[:, 2], 0.05**2)
     falls[1] = True
     envs.step(rng.random((3, 6)))
-    equal(np.isclose(world.variance[:, 0], 0.05**2), falls, err_msg="a new episode knows no old goal")
+    equal(np.isclose(world.variance[:, 0], 0.05**2), falls, err_msg="a new episode knows nothing")
     equal(envs.reset(seed=0, options={"goals": [[2.0, 0, 0]] * 3})[0], first)
     equal(world.estimate, before, err_msg="not even by rounding: a seed is an episode, to the bit")
 

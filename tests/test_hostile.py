@@ -9,6 +9,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -82,14 +83,13 @@ def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed(tmp_path,
     with pytest.raises(RuntimeError, match="shutdown"):
         envs.step(np.full((2, 6), 0.5))
 
-def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path, monkeypatch):
+def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
     """Each has temporary files of its own; test_ppo has a training that is killed."""
     path = tmp_path / "policy.pt"
 
     def first(temporary):
         temporary.write_text("first")
-        with monkeypatch.context() as patch:
-            patch.setattr(os, "getpid", lambda: -1)  # another process, meanwhile
+        with mock.patch("os.getpid", return_value=-1):  # another process, meanwhile
             robot_model.atomic_write(path, lambda other: other.write_text("second"))
 
     robot_model.atomic_write(path, first)

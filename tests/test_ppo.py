@@ -27,15 +27,13 @@ COLUMNS = ("steps", "minutes", *EPISODES, "entropy", "clip_fraction", "approx_kl
 
 def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
     """A_t = Σ_l (γλ)^l δ_{t+l}, written as the double sum, for one environment."""
-    advantages = []
+    advantages = np.zeros(len(r))
     for t in range(len(r)):
-        total = 0.0
         for n in range(t, len(r)):
             delta = r[n] + (0.0 if terminated[n] else gamma * v_next[n]) - v[n]
-            total += (gamma * lam) ** (n - t) * delta
+            advantages[t] += (gamma * lam) ** (n - t) * delta
             if terminated[n] or truncated[n]:
                 break
-        advantages.append(total)
     return advantages
 
 @pytest.mark.parametrize("lam", [0.0, 0.95, 1.0])
@@ -176,8 +174,7 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
         assert all(torch.isfinite(p.grad).all() for p in model.actor.parameters()), "gradient"
 
 class Probe(gym.vector.VectorEnv):
-    """A world in two functions: first(rng, n) -> obs [n, 1] and
-    play(obs, action) -> next obs, reward, terminated, truncated. Resets in the same step."""
+    """first(rng, n) -> obs [n, 1]; play(obs, action) -> next obs, reward, terminated, truncated."""
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
@@ -326,7 +323,7 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
         told = 0.7 * data["reward"], v, v_next, data["terminated"], data["truncated"]
         columns = [brute_force_advantages(*(x[:, i].tolist() for x in told), cfg.gamma, cfg.lam)
                    for i in range(v.shape[1])]
-        target = v + torch.tensor(columns).T  # A_t + V(s_t)
+        target = v + torch.tensor(np.transpose(columns))  # A_t + V(s_t)
         before, after = (m.policy(data["obs"]).log_prob(data["action"]) for m in (old, model))
         ratio = (after - before).exp()
         want = {"entropy": old.policy(data["obs"]).entropy().mean(),

@@ -40,7 +40,6 @@ def stance(name):
     return robot_model.stance(ROBOT, planar=name == "pymunk")
 
 def still(name, num_robots, seconds):
-    """A Trajectory of robots that stand still."""
     ticks = round(seconds / ROBOT.control_dt)
     joints = np.tile(stance(name)[1], (num_robots, ticks + 1, 1))
     support, gyro, push = np.zeros((3, num_robots, ticks, 2))
@@ -116,7 +115,6 @@ def quaternion(angles):
 
 @cache
 def nominal():
-    """MuJoCo's model of the robot, for tests that only read it."""
     return robot_model.mujoco_model(ROBOT)
 
 def mujoco_at(torso, joints):
@@ -557,8 +555,7 @@ def test_planar_joints_stay_together_and_motors_follow_within_their_limits(make_
     assert 1e-6 < gap < 0.002, f"{1000 * gap:.2f} mm apart: more solver iterations"
     assert (torque <= limit[robot_model.SAGITTAL] + 1e-6).all(), "has every motor its max_force?"
     speed = np.abs(np.diff(joints, axis=0)).max((0, 1)) / ROBOT.control_dt
-    assert np.all(speed < 1.1 * np.tile(ROBOT.speed_limit, 2)), (
-        f"joint speeds {speed.round(1)} rad/s beyond what the motors can do")
+    assert (speed < 1.1 * np.tile(ROBOT.speed_limit, 2)).all(), f"{speed.round(1)} rad/s: too fast"
     targets = np.concatenate([plan.joints[:, 1:] for plan in plans], 1).swapaxes(0, 1)
     late = np.abs(joints - targets).mean()  # [rad]
     assert late < 0.005, f"{late:.4f} rad: a motor that follows only the error lags behind"

@@ -1,5 +1,4 @@
-"""Every stage from the command line: one small run from end to end, its figures, and what happens
-to wrong values. These tests say that the scripts work together; the other files say why."""
+"""Every stage from the command line: a small run, its figures, and what happens to wrong values."""
 
 import json
 import os

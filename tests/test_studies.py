@@ -12,12 +12,12 @@ import ablations
 import baseline
 import common
 import kicks
-import mujoco
 import numpy as np
 import pytest
 import search
 import seeds
 import walk
+from test_robot import mujoco_at
 
 robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
@@ -27,7 +27,6 @@ STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers",
 
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
-    """Starting processes takes longer than these walks."""
     monkeypatch.setattr(robot_model, "CORES", 1)
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -184,17 +183,14 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
             "fell, and not the last one that stood; a way counts to whichever side")
 
 def test_soles_are_where_mujoco_has_them():
-    rng, model = np.random.default_rng(5), robot_model.mujoco_model(ROBOT)
+    rng = np.random.default_rng(5)
     torso = rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (40, 6))
     low, high = (0.5 * np.tile(limit, 2) for limit in (ROBOT.joint_min, ROBOT.joint_max))
     joints = rng.uniform(low, high, (40, 12))
     ankle, lowest = walk.soles(ROBOT, torso, joints)  # [40, 2, 3], [40, 2]
     corners = np.array([*itertools.product((-1, 1), (-1, 1), [-1])])  # of the underside
-    data = mujoco.MjData(model)
     for i in range(40):
-        data.qpos[:3], data.qpos[7:] = torso[i, :3], joints[i]
-        mujoco.mju_mat2Quat(data.qpos[3:7], robot_model.rotation(*torso[i, 3:]).ravel())
-        mujoco.mj_forward(model, data)
+        model, data = mujoco_at(torso[i], joints[i])
         for foot, side in enumerate(("left", "right")):
             close(ankle[i, foot], data.body(f"{side} foot").xpos, atol=1e-9)
             sole = data.geom(f"{side} sole")
@@ -213,8 +209,10 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
         seen["footsteps"], seen["body"] = footsteps, body
         engine = walk_engine.WalkEngine(n, parameters)
         trajectory, _ = engine.plan(footsteps[:, 0], np.arange(n))
-        disturb(trajectory, np.arange(n))
-        seen["gyro"] = trajectory.gyro
+        seen["gyro"] = np.empty((n, 0, 2))
+        for _ in range(2):  # double steps
+            disturb(trajectory, np.arange(n))
+            seen["gyro"] = np.concatenate([seen["gyro"], trajectory.gyro], 1)
         torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
         torso[..., 0] += 0.001 * np.arange(torso.shape[1])
         torso[..., 2] += 0.004
@@ -236,7 +234,11 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     for found, limit in ((random.min((0, 1)), limits.low), (random.max((0, 1)), limits.high)):
         close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg="plans use all of the limits")
     assert np.ptp(friction[3 * rows :]) > 0.3, "random walks have the ground that they drew"
-    assert np.ptp(seen["body"].mass) > 0.1 < seen["gyro"].std(), "all have drawn bodies and gyros"
+    assert np.ptp(seen["body"].mass) > 0.1, "all have drawn bodies"
+    gyro = seen["gyro"]  # [n, 120, 2] errors [rad/s]
+    assert gyro.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 120) ** 0.5, rel=0.1), (
+        "a constant error of each robot, ± 0.05 rad/s")
+    assert gyro.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
     moving = sum(walk.PATTERN) * period  # [s]
     for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
         for direction in walk.DIRECTIONS:
@@ -248,16 +250,6 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
     close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
     assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
-
-def test_gyros_have_the_errors_of_stage_03():
-    disturb, robots = walk.gyro_errors(np.random.default_rng(0), 300), np.arange(300)
-    steps = [SimpleNamespace(gyro=np.zeros((300, 62, 2))) for _ in range(2)]  # double steps
-    for step in steps:
-        disturb(step, robots)
-    found = np.concatenate([step.gyro for step in steps], 1)
-    assert found.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 124) ** 0.5, rel=0.1), (
-        "a constant error of each robot, ± 0.05 rad/s")
-    assert found.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
 
 def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_clearance():
     required = {name: speed for name, (_, _, speed) in walk.DIRECTIONS.items()}

@@ -26,7 +26,6 @@ FOLDER = ROOT / "tests" / "exercises"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
 
 def run(*arguments, cwd=ROOT, **environment):
-    """A finished process of Python."""
     return subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, text=True, timeout=300,
                           capture_output=True, encoding="utf-8",
                           env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment})
@@ -209,8 +208,7 @@ def changed(name, changes):
     return text
 
 def results_of(file, trains):
-    """[exercise, what, words that the grader must say ("": it accepts), what it says] of the
-    entries of wrong.txt or right.txt; `trains`: those of `improve`, or all others."""
+    """[exercise, what, words to be said ("": accepted), what is said]; `trains`: of improve only."""
     lines = [line for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
              if line and not line.startswith("#")]
     entries = []
@@ -224,10 +222,9 @@ def results_of(file, trains):
     return [(name, what, words, texts) for (name, what, words, _), texts in zip(entries, said)]
 
 class Referee:
-    """A plugin of pytest: runs the tests of an exercise once for each case, in one process.
-
-    A case is an exercise, {exercise: text of its functions}, and words. `said` gets a list for each
-    case: what the failing tests say, at most four as a student reads, none after these words.
+    """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, {exercise:
+    text of its functions}, words. `said` gets a list for each case: what the failing tests say, at
+    most four as a student reads, none after these words.
     """
 
     def __init__(self, cases):

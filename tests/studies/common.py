@@ -33,7 +33,6 @@ FEW = (0, 1, 2)  # of all others
 PER_SET = 500  # goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
-# ------------------------------------------------------------------------ command line
 class StudyParser(robot_model.StageParser):
     """The flags of every study; errors are one line with exit code 2, as in the stages."""
     def __init__(self, study):
@@ -82,7 +81,6 @@ def publish(study, part, args):
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
 
-# ------------------------------------------------------------------------ files
 def read_json(path):
     """The content of a file that a study, or stage 5, has written."""
     return json.loads(path.read_text(encoding="utf-8"))
@@ -93,7 +91,6 @@ def work(sim, study, training):
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
-# ------------------------------------------------------------------------ tables
 HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
          "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
          "over_baseline_tuned": "time ÷ baseline_tuned", "over_search": "time ÷ search",
@@ -153,7 +150,6 @@ def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
 
-# ------------------------------------------------------------------------ walks
 def opponents(sim):
     """The planners of README's table that do not learn, by name."""
     return {"baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
@@ -199,7 +195,6 @@ def time_ratio(ended, reference, name):
     return {key.replace("time_ratio", name): np.round(ratio[key], 4).tolist()
             for key in ("time_ratio", "time_ratio_ci95") if ratio}
 
-# ------------------------------------------------------------------------ pages
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
     order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []

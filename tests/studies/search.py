@@ -23,7 +23,6 @@ CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of p
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
-# ------------------------------------------------------------------------ the map
 def double_steps(limits, factor=1.0):
     """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
     low, high = factor * np.array(limits.low), factor * np.array(limits.high)
@@ -116,7 +115,6 @@ def look_up(value, poses):
         total = total + share_x * share_y * share_yaw * corner
     return total
 
-# ------------------------------------------------------------------------ the planner
 class Planner:
     """Takes the double step after which the fewest are left."""
     def __init__(self, known=None):
@@ -137,8 +135,7 @@ class Planner:
         edge = CELL * HALF - np.abs(moves[:, :2]).max() * math.sqrt(2)  # [m]
         pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
         left = look_up(value, robot_model.compose(pose[:, None], moves))  # [n, A]
-        # What was done last may be done again. What differs from it too much costs up to a hundred
-        # double steps, more than any way on the map: it is done if nothing else is left.
+        # What differs too much from the last one costs more than any way: done if nothing is left.
         change = np.abs(view.actions[:, :1] - actions).max(-1)  # [n, A]
         left = left + 100 * np.maximum(0, change - largest_change)
         return actions[left.argmin(1)]
@@ -168,7 +165,6 @@ def write_map(path, sim, factor, known):
     robot_model.atomic_write(path, lambda file: np.savez_compressed(
         file, about=json.dumps(about), steps=steps, moves=moves, parts=parts))
 
-# ------------------------------------------------------------------------ how large steps may be
 DURATION = "10 minutes on two cores; 3-D: 20 minutes"
 FACTORS = (0.3, 0.45, 0.6, 0.8, 1.0)  # [-] on the limits of a step
 CHANGES = (0.2, 0.35, 1.0)

@@ -98,7 +98,7 @@ def study_distances(args, count=200):
                              "least": float(least[far == distance][reached].mean())})
     return {"goals": count, "rows": rows}
 
-def study_seeds(args):
+def study_all(args):
     """Every training and its opponents in every block, every training on every ground."""
     policies, ground = trained(args.sim, SEEDS[args.sim]), []
     found = walked(args.sim, opponents(args.sim) | policies, (False, True), SETS,
@@ -123,8 +123,7 @@ def study_imu(args):
     found = walked(args.sim, policies, (True,), POOLED_SETS)
     return {"median_seed": median_seed(pick(found["rows"], planner="policy_imu")), **found}
 
-PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_seeds,
-         "imu": study_imu}
+PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_all, "imu": study_imu}
 
 def table(found, sim):
     """Markdown; square brackets: 95 % intervals over goals."""

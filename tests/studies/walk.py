@@ -30,7 +30,6 @@ PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
 FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
 PLANS = 96  # random ones
 
-# ------------------------------------------------------------------------ how well it walks
 def speed_plans():
     """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
     go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
@@ -154,7 +153,6 @@ def in_words(measured):
             f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
             f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm")
 
-# ------------------------------------------------------------------------ tuning
 SEARCH = {  # tuned parameters and their ranges: from those of [5] of stage 02
     "half_ticks": (25, 40), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
     "foot_rise": (0.02, 0.10), "trunk_height": (0.36, 0.42), "trunk_phase": (-0.45, 0.45),
@@ -206,7 +204,6 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
               f"{in_words(seen[0])}\n{tried[0]}", flush=True)
     return changed(start, names, mean)
 
-# ------------------------------------------------------------------------ how large a step may be
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
 RANDOM = 1000  # plans within the limits
 X = np.linspace(-0.24, 0.32, CELLS)  # [m]
