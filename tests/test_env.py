@@ -365,7 +365,7 @@ def test_discounted_progress_telescopes(name):
         f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}")
 
 def straight_walk(goal, stop=0.0):
-    """Goals seen from a robot on its way to `stop` [m] before the goal: 0.15 m or 0.3 rad a step."""
+    """Goals seen from a robot on its way to `stop` [m] before the goal: 0.15 m or 0.3 rad each."""
     d, alpha, beta = env.polar(np.array(goal, float))
     count = math.ceil(d / 0.15 + (abs(alpha) + abs(beta)) / 0.3)
     return np.linspace(1, stop / d, count + 1)[:, None] * [*goal[:2], alpha]

@@ -208,7 +208,7 @@ def changed(name, changes):
     return text
 
 def results_of(file, trains):
-    """[exercise, what, words to be said ("": accepted), what is said]; `trains`: of improve only."""
+    """[exercise, what, words to be said ("": none), what is said]; `trains`: of improve only."""
     lines = [line for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
              if line and not line.startswith("#")]
     entries = []
