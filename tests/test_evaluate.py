@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import PIL.Image
@@ -28,8 +29,8 @@ OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0
 TICK = robot_model.RobotModel().control_dt  # [s]
 PERIOD = 2 * TICK * env.walk_engine.TUNED["pymunk"].half_ticks  # [s] a double step
 VIEW = env.View(PERIOD, LIMITS, None, None, None)
+plot_footsteps = evaluate.plot_footsteps  # `short_trials` puts it aside
 
-# ------------------------------------------------------------------------ the baseline's equations
 def command(x, y, yaw=0.0, settings=B):
     return evaluate.velocity_command(np.broadcast_to([x, y, yaw + 0.0], (1, 3)), settings)[0]
 
@@ -136,27 +137,22 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
                                        [[0, -0.02, -0.4], [0, 0.075, 0.6]]], atol=1e-6, err_msg=(
         "the leading foot takes out / (out + in) outward, the other one the rest inward"))
 
-def test_the_paper_s_baseline_shares_turns_only():
-    planner = evaluate.BaselinePlanner()
-    planner.reset(1)
-    steps = env.to_footsteps(planner.act(VIEW, np.array([0]), np.array([[0, 0.9, 1.0]])), LIMITS)
-    close(steps[0], [[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]], atol=1e-12)
-
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, robot, velocities = evaluate.BaselinePlanner(), np.array([1]), []
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
     for goals in ([ahead, aside], [aside]):  # of two trials
         planner.reset(2)
         for goal in goals:
-            planner.act(VIEW, robot, goal)
+            actions = planner.act(VIEW, robot, goal)
             velocities.append(planner.velocity[1].copy())
     share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
     changed = (0.12 * (1 - share), 0.07 * share, 0.3 * share)
-    close(velocities, [(0.12, 0, 0), changed, (0, 0.07, 0.3)], atol=1e-12,
-                               err_msg="the filter smooths changes; before a first command is none")
+    close(velocities, [(0.12, 0, 0), changed, (0, 0.07, 0.3)], atol=1e-12, err_msg=(
+        "the filter smooths changes; before a first command is none"))
     assert np.isnan(planner.velocity[0]).all(), "robot 0 was not asked, only robot 1"
+    steps = [[[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]]]
+    close(env.to_footsteps(actions, LIMITS), steps, atol=1e-12, err_msg="it shares turns only")
 
-# ------------------------------------------------------------------------ statistics
 def test_wilson_interval():
     hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
     assert evaluate.wilson(5, 10) == pytest.approx([0.2366, 0.7634], abs=1e-4), hint
@@ -236,7 +232,6 @@ def test_summary_without_a_success_is_valid_json():
     assert "none" in evaluate.table([row], [])
 
 def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
-    """All other cells are compared with the shipped tables in test_results."""
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0), row_of("mine", True, None)]
     ratio = {"planner": "policy", "reference": "mine", "noise": False, "goal_std_m": None,
              "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6], "median": 0.45,
@@ -251,7 +246,6 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
     assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
 
-# ------------------------------------------------------------------------ trials
 class Recorder:
     """Steps on the spot and remembers what it was told."""
 
@@ -262,9 +256,11 @@ class Recorder:
         self.measured.append(measured.copy())
         return np.tile(view.neutral_action, (len(robots), 1))
 
-class Wild(Recorder):
+class Wild(Recorder):  # it also scribbles on what it is told: copies are handed out, not the world
     def act(self, view, robots, measured):
-        return 0 * super().act(view, robots, measured) + [0.7, 0.3, 0.5, 0.7, 0.3, 0.5]
+        actions = 0 * super().act(view, robots, measured) + [0.7, 0.3, 0.5, 0.7, 0.3, 0.5]
+        robots[:] = measured[:] = 0
+        return actions
 
 class Hasty(Recorder):  # as long a step as it can, forward or backward, until it falls
     def act(self, view, robots, measured):
@@ -298,8 +294,7 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     equal(noise[:2], first_noise(Recorder(), world, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
     dice = env.stream("evaluation", 3, 0).spawn(len(env.PURPOSES))[env.PURPOSES.index("noise")]
-    close(noise[0], dice.normal(size=3) * 0.05, err_msg=(
-        "the goal is measured more than once for a decision"))
+    close(noise[0], dice.normal(size=3) * 0.05, err_msg="more than one measurement for a decision")
 
 def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
     class Watching(Recorder):
@@ -338,21 +333,8 @@ def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypat
     equal(again.goals, asked.goals[chosen], "to the last bit")
     second = evaluate.evaluate(Hasty(), world, again, noise=True)
     for name, values in first.items():
-        equal(second[name], values[chosen], err_msg=(
-            f"{name}: a trial is its goal, seed, number and μ, not its line in the file"))
+        equal(second[name], values[chosen], err_msg=f"{name}: fixed by goal, seed, number and μ")
     equal(world.pose[:4], ends[chosen], "to the last bit")
-
-def test_a_planner_that_scribbles_on_its_arguments_changes_nothing(world):
-    class Scribbler(Wild):
-        def act(self, view, robots, measured):
-            robots[:] = 0
-            measured[:] = 9.0
-            return super().act(view, robots, measured)
-
-    honest, scribbled = (evaluate.evaluate(planner, world, to(np.zeros((4, 3))), noise=True)
-                         for planner in (Wild(), Scribbler()))
-    for name, values in honest.items():
-        equal(scribbled[name], values, "hand out copies, not the world")
 
 OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
 IN = (0.02, -0.03, math.radians(9))  # 3.6 cm and 9° from the goal
@@ -403,8 +385,7 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     (actions, robots), (_, standing) = asked[-2:]
     assert robots == list(range(6)), "every success is watched for two more double steps"
     assert standing == [0, 1, 2, 3, 5], "who fell meanwhile does not walk on"
-    close(actions, np.tile(world.neutral_action, (6, 1)), err_msg=(
-        "in place: the planner is not asked"))
+    close(actions, np.tile(world.neutral_action, (6, 1)), err_msg="no planner is asked: in place")
     assert len(planner.measured) == 3, "one measurement a decision, none afterwards"
 
 def test_the_recorded_walk_is_the_measured_one(world):
@@ -412,8 +393,7 @@ def test_the_recorded_walk_is_the_measured_one(world):
     steps = len(walk["feet"])
     ticks = steps * 2 * world.engine.parameters.half_ticks
     assert walk["torso"].shape == (ticks, 6) and walk["joints"].shape == (ticks, 12)
-    equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg=(
-        "the picture must show the simulator's pose, not the commanded one"))
+    equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg="the simulator's pose, not the plan")
 
 def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
@@ -429,8 +409,7 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     walk, = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
-    close(walk["feet"][-1], planned, atol=1e-6, err_msg=(
-        "left and right: x, y of the ankle's projection [m], yaw [rad]"))
+    close(walk["feet"][-1], planned, atol=1e-6, err_msg="x, y of the ankle's projection, yaw")
 
 @pytest.mark.parametrize("imu, seen", [(False, 20), (True, 25)])
 def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
@@ -441,7 +420,6 @@ def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
     found = evaluate.PolicyPlanner(model, imu).act(view, np.arange(2), np.zeros((2, 3)))
     equal(found, model.decide(observation[:, :seen]), err_msg="the IMU's rows are the last ones")
 
-# ------------------------------------------------------------------------ files
 def save_untrained(path, sim="pymunk", imu=False, steps=10):
     """A policy that steps on the spot whatever it sees: nearly its first one."""
     torch.manual_seed(0)
@@ -479,7 +457,7 @@ def short_trials(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", sys.path[:])  # a planner's folder is put there
     monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT, cores=1))
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda *_: None)
+    monkeypatch.setattr(evaluate, "plot_footsteps", mock.Mock())
     save_untrained(Path("results/pymunk/policy.pt"))
 
 def call(*arguments):
@@ -525,9 +503,7 @@ def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path
     assert found.friction.tolist() == [0.8] * 2 and found.purpose == "evaluation"
     assert given.friction.tolist() == [0.4] * 2, "--friction goes before what the file says"
 
-# ------------------------------------------------------------------------ which planners
-def test_your_own_policy_goes_before_the_shipped_one_and_rows_are_called_like_files(
-        short_trials, capsys):
+def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, capsys):
     save_untrained(Path("runs/pymunk/policy.pt"), steps=20)
     planners, facts = evaluate.choose_planners("pymunk")
     assert facts == {"file": "runs/pymunk/policy.pt", "imu": False, "steps": 20,
@@ -566,7 +542,6 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, men
         own_planner(name)
     assert mention.replace("/", os.sep) in refused(capsys, *flags).replace("/", os.sep)
 
-# ------------------------------------------------------------------------ a planner of one's own
 @pytest.mark.parametrize("line, rule", [
     ("return actions[:1]", r"of shape \(2, 6\)"), ("return None", r"of shape \(2, 6\)"),
     ("actions[1, 2] = np.nan", "must be finite"),
@@ -589,22 +564,18 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     with pytest.raises(FileNotFoundError, match="of mine"):  # it is no bad file
         call("--planner", path)
 
-# ------------------------------------------------------------------------ from end to end
-PLOT_FOOTSTEPS = evaluate.plot_footsteps  # before `short_trials` puts it aside
-
-def test_from_a_policy_file_to_the_table(short_trials, monkeypatch, capsys):
+def test_from_a_policy_file_to_the_table(short_trials, capsys):
     second = save_untrained(Path("second.pt"))
     own_planner("mine.py", "actions[:, [0, 3]] += 0.3")  # it walks past the second goal
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.12,0,0\n")
-    drawn = []
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda walks, path, robot: (
-        drawn.extend(walks), PLOT_FOOTSTEPS(walks, path, robot)))
     content = call("--goals", "goals.csv", "--friction", 0.4, "--planner", "mine.py",
                    "--policy", "results/pymunk/policy.pt", second)
     table = Path("out/table.md").read_text(encoding="utf-8")
     assert table in capsys.readouterr().out
     assert "paper" not in table, "the paper's rows are about its goals, not about yours"
-    assert drawn == ["baseline", "baseline_tuned", "mine"], "your planner goes before the policies"
+    walks, path = evaluate.plot_footsteps.call_args.args
+    assert [*walks] == ["baseline", "baseline_tuned", "mine"], "yours goes before the policies"
+    plot_footsteps(walks, path)
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]
@@ -625,8 +596,7 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
         return evaluated(planner, world, *rest, **more)
 
     monkeypatch.setattr(evaluate, "evaluate", watched)
-    content = call("--noise", "--episodes", 2, "--seed", 6, "--far", "--friction", 0.4,
-                   "--push", 0.3)
+    content = call(*"--noise --episodes 2 --seed 6 --far --friction 0.4 --push 0.3".split())
     assert pushes == [0.3] * 12 + [0.0] * 3, "twelve rows of the table, three walks of a figure"
     names = ["policy", "baseline_tuned", "baseline"]
     assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
@@ -655,28 +625,23 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
     assert walk == pytest.approx(1.5 * PERIOD, abs=0.15), "three double steps, twice as fast"
     assert sum(seconds) > walk + 1, "the end stays for a while"
 
-# ------------------------------------------------------------------------ to play with
 @pytest.fixture
 def window(monkeypatch):
     """What --play takes for its window, and what a mouse and a keyboard do in it."""
-    figure, axes = evaluate.plt.subplots()
+    (figure, axes), left = evaluate.plt.subplots(), iter(range(100))  # pictures
+
+    def do(kind, name, *what):
+        figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
 
     def mouse(name, x, y):
         place = axes.transData.transform(robot_model.camera()[1:, :2] @ (x, y))
-        event = MouseEvent(f"button_{name}_event", figure.canvas, *place, 1)
-        figure.canvas.callbacks.process(event.name, event)
+        do(MouseEvent, f"button_{name}_event", *place, 1)
 
-    def key(letter):
-        event = KeyEvent("key_press_event", figure.canvas, letter)
-        figure.canvas.callbacks.process(event.name, event)
-
-    left = iter(range(100))  # pictures; more than the story has
     monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
     monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: next(left))
-    return figure, mouse, key
+    return figure, mouse, partial(do, KeyEvent, "key_press_event")
 
-def test_the_robot_does_what_mouse_and_keys_say_until_the_window_closes(
-        short_trials, window, monkeypatch):
+def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatch):
     world, worlds, (figure, mouse, key) = env.FootstepWorld(1), [], window
     step, gain = world.step, world.engine.parameters.reflex
 

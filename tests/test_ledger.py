@@ -1,5 +1,4 @@
-"""The exercise book names functions, settings, tests and exercises that exist: `03.polar`,
-`walk.measure` (a study), `test_env.goal_is`, `build.gae`, `predict.lean` or `debug.tired`.
+"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`, `build.gae`.
 """
 
 import re

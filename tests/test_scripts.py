@@ -1,5 +1,4 @@
-"""Every stage from the command line: one small run from end to end, its figures, and what happens
-to wrong values. These tests say that the scripts work together; the other files say why."""
+"""Every stage from the command line: a small run, its figures, and what happens to wrong values."""
 
 import json
 import os
@@ -25,40 +24,36 @@ FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
 
 def run(script, *arguments, folder, code=0):
     """A stage in its own process and a bare surrounding: no HOME, no display, no renderer."""
-    kept = {name: os.environ[name] for name in ("PATH", "SYSTEMROOT", "LD_LIBRARY_PATH")
-            if name in os.environ}
-    command = [sys.executable, str(ROOT / script), *map(str, arguments)]
+    bare = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
     environment = {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8", "MPLBACKEND": "TkAgg",
-                   "MUJOCO_GL": "none"}
+                   "MUJOCO_GL": "none", **{name: os.environ[name] for name in bare}}
+    command = [sys.executable, str(ROOT / script), *map(str, arguments)]
     done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", check=False,
-                          timeout=240, env=kept | environment)
+                          timeout=240, env=environment)
     assert done.returncode == code, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
 
-# ------------------------------------------------------------------------ figures
 def check_picture(path):
-    """The file is a picture with something drawn in it: frames, letters and grids have no colour.
-
-    Half a percent is more than legends have (0.1 %) and less than any figure here (1 %).
-    """
+    """Something is drawn in it: frames, letters and grids have no colour, legends have 0.1 %."""
     image = matplotlib.image.imread(path)
     assert min(image.shape[:2]) > 100, f"{path} is only {image.shape} pixels"
     coloured = (np.ptp(image[..., :3], axis=-1) > 0.25).mean()
     assert coloured > 0.005, f"{path}: only {coloured:.2%} of it has a colour: are the axes empty?"
 
-# ------------------------------------------------------------------------ small runs
 @pytest.mark.slow
 @pytest.mark.parametrize("script, flags, said, files", [
     ("01_robot_model.py", ["--out", "../a new/one"], "of 64 fell", ["a new/one/01_robot.png"]),
     ("01_robot_model.py", ["--mujoco"], "of 64 fell", ["here/runs/mujoco/01_robot.png"]),
     ("02_walk_engine.py", [], "a left turn", [
-        f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")])], ids=str)
+        f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
+    ("03_env.py", [], "distance d.*right yaw, action before.*random *: .* [1-9][0-9]* falls.*"
+     "hand-written *: [1-9][0-9]* episodes at", ["here/runs/pymunk/03_rewards.png"])], ids=str)
 def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files):
     here = tmp_path / "here"
     here.mkdir(0o555 if "--out" in flags else 0o777)  # --out is for places where none may write
     shown = run(script, *flags, folder=here).stdout
-    assert said in shown and Path(files[0]).name in shown, shown
+    assert re.search(said, shown, re.DOTALL) and Path(files[0]).name in shown, shown
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert sorted(path.relative_to(tmp_path).as_posix() for path in written) == files
     for path in written:
@@ -68,20 +63,6 @@ def main_of(script, monkeypatch, *arguments):
     """The stage's main in this process: starting one takes seconds."""
     monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
     return import_module(script.removesuffix(".py")).main()
-
-@pytest.mark.slow
-def test_demonstration_of_the_third_stage(tmp_path, monkeypatch, capsys):
-    env = import_module("03_env")
-    four = env.FootstepVectorEnv(4, cores=1)
-    monkeypatch.setattr(env, "FootstepVectorEnv", lambda count, sim: four)
-    main_of("03_env.py", monkeypatch, "--out", tmp_path)
-    shown = capsys.readouterr().out
-    for name, *_ in env.observation_table():
-        assert name in shown, f"the table of the observation lacks {name}"
-    found = re.findall(r"(random|hand-written) *: (\d+) episodes at the goal, (\d+) falls", shown)
-    (_, _, wild), (_, goals, _) = found
-    assert int(goals) > 0 and int(wild) > 0 and "03_rewards.png" in shown
-    check_picture(tmp_path / "03_rewards.png")
 
 @pytest.mark.slow
 def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
@@ -111,7 +92,6 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert evaluation["policy"]["seed"] == 1 and evaluation["policy"]["file"] == policy.as_posix()
     assert all(row["episodes"] == 4 for row in evaluation["rows"])
 
-# ------------------------------------------------------------------------ flags
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "seed"),
     ("01_robot_model.py", f"--seed {2**32}", str(2**32)),

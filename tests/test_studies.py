@@ -12,12 +12,12 @@ import ablations
 import baseline
 import common
 import kicks
-import mujoco
 import numpy as np
 import pytest
 import search
 import seeds
 import walk
+from test_robot import mujoco_at
 
 robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
@@ -27,10 +27,8 @@ STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers",
 
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
-    """Starting processes takes longer than these walks."""
     monkeypatch.setattr(robot_model, "CORES", 1)
 
-# ------------------------------------------------------------------------ files and pages
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
     study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
@@ -44,8 +42,8 @@ def test_every_study_says_its_question_and_then_its_duration(name, capsys, monke
     main = getattr(study, "main", partial(common.main, name))
     main([flag, "--out", str(tmp_path), *["--only", part] * (len(study.PARTS) > 1)])
     assert capsys.readouterr().out.splitlines()[0].endswith(f": {study.DURATION}")
-    assert {path.name for path in tmp_path.iterdir()} == {
-        f"{name}{end}" for end in (".json", ".md", ".png")}
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {f"{name}.json", f"{name}.md", f"{name}.png"}
 
 def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     parts = {"one": lambda args: {"rows": [1, (2, 3)]}, "two": lambda args: 1 / 0}
@@ -68,7 +66,6 @@ def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
         assert all(axes.lines for axes in figure.axes)
         common.plt.close(figure)
 
-# ------------------------------------------------------------------------ walks
 def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)
     planner, short = evaluate.BaselinePlanner(), replace(env.Task(), time_limit=2.6)  # [s]
@@ -112,7 +109,6 @@ def test_no_robot_can_be_faster_than_the_least_time():
              [0, 0, -2 * turn - 0.18]]
     close(seeds.least_time(np.array(goals), world), 0.6 * np.array([1, 3, 4, 2, 3]))
 
-# ------------------------------------------------------------------------ other worlds
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(400, "pymunk", noise=True, cores=1)
@@ -140,7 +136,6 @@ def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch, tmp_
     gain = walk_engine.TUNED["mujoco"].reflex
     assert met == [(gain * reflex, speed) for reflex, speed, _ in kinds], "what the row says"
 
-# ------------------------------------------------------------------------ learning
 def test_every_reward_term_has_its_ablation():
     nothing = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)), np.zeros((1, 6)), 0, 0
     for name in env.reward_terms(*nothing):
@@ -167,7 +162,6 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     model.actor[-1].bias.data += 0.4
     close(model.decide(obs)[0], [0.6, 0.9, 1.0], atol=0.02, err_msg="clipped")
 
-# ------------------------------------------------------------------------ walk: measuring
 def test_highest_speed_ignores_everything_beyond_the_first_fall():
     levels, count = walk.LEVELS, len(walk.PATTERN)
     moving = sum(walk.PATTERN) * 0.5  # [s]
@@ -189,17 +183,14 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
             "fell, and not the last one that stood; a way counts to whichever side")
 
 def test_soles_are_where_mujoco_has_them():
-    rng, model = np.random.default_rng(5), robot_model.mujoco_model(ROBOT)
+    rng = np.random.default_rng(5)
     torso = rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (40, 6))
     low, high = (0.5 * np.tile(limit, 2) for limit in (ROBOT.joint_min, ROBOT.joint_max))
     joints = rng.uniform(low, high, (40, 12))
     ankle, lowest = walk.soles(ROBOT, torso, joints)  # [40, 2, 3], [40, 2]
     corners = np.array([*itertools.product((-1, 1), (-1, 1), [-1])])  # of the underside
-    data = mujoco.MjData(model)
     for i in range(40):
-        data.qpos[:3], data.qpos[7:] = torso[i, :3], joints[i]
-        mujoco.mju_mat2Quat(data.qpos[3:7], robot_model.rotation(*torso[i, 3:]).ravel())
-        mujoco.mj_forward(model, data)
+        model, data = mujoco_at(torso[i], joints[i])
         for foot, side in enumerate(("left", "right")):
             close(ankle[i, foot], data.body(f"{side} foot").xpos, atol=1e-9)
             sole = data.geom(f"{side} sole")
@@ -218,8 +209,10 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
         seen["footsteps"], seen["body"] = footsteps, body
         engine = walk_engine.WalkEngine(n, parameters)
         trajectory, _ = engine.plan(footsteps[:, 0], np.arange(n))
-        disturb(trajectory, np.arange(n))
-        seen["gyro"] = trajectory.gyro
+        seen["gyro"] = np.empty((n, 0, 2))
+        for _ in range(2):  # double steps
+            disturb(trajectory, np.arange(n))
+            seen["gyro"] = np.concatenate([seen["gyro"], trajectory.gyro], 1)
         torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
         torso[..., 0] += 0.001 * np.arange(torso.shape[1])
         torso[..., 2] += 0.004
@@ -239,10 +232,13 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     limits, random = env.LIMITS["mujoco"], seen["footsteps"][3 * rows :]
     assert ((random >= limits.low) & (random <= limits.high)).all(), "beyond the limits"
     for found, limit in ((random.min((0, 1)), limits.low), (random.max((0, 1)), limits.high)):
-        close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg=(
-            "random plans use all of the limits"))
+        close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg="plans use all of the limits")
     assert np.ptp(friction[3 * rows :]) > 0.3, "random walks have the ground that they drew"
-    assert np.ptp(seen["body"].mass) > 0.1 < seen["gyro"].std(), "all have drawn bodies and gyros"
+    assert np.ptp(seen["body"].mass) > 0.1, "all have drawn bodies"
+    gyro = seen["gyro"]  # [n, 120, 2] errors [rad/s]
+    assert gyro.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 120) ** 0.5, rel=0.1), (
+        "a constant error of each robot, ± 0.05 rad/s")
+    assert gyro.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
     moving = sum(walk.PATTERN) * period  # [s]
     for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
         for direction in walk.DIRECTIONS:
@@ -252,19 +248,8 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     assert got["steps"] == 0.75, "the share of random double steps"
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
-    close(got["clearance"], want, atol=1e-9, err_msg=(
-        "lowest corner of the SWING foot between 30 and 70 % of its swing"))
+    close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
     assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
-
-def test_gyros_have_the_errors_of_stage_03():
-    disturb, robots = walk.gyro_errors(np.random.default_rng(0), 300), np.arange(300)
-    steps = [SimpleNamespace(gyro=np.zeros((300, 62, 2))) for _ in range(2)]  # double steps
-    for step in steps:
-        disturb(step, robots)
-    found = np.concatenate([step.gyro for step in steps], 1)
-    assert found.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 124) ** 0.5, rel=0.1), (
-        "a constant error of each robot, ± 0.05 rad/s")
-    assert found.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
 
 def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_clearance():
     required = {name: speed for name, (_, _, speed) in walk.DIRECTIONS.items()}
@@ -288,36 +273,6 @@ def test_score_adds_roots_of_speeds_at_the_worst_friction_standing_tracking_and_
         score = walk.score(*sim or ["mujoco"], measured | changed)
         assert score == pytest.approx(want), what
 
-# ------------------------------------------------------------------------ walk: tuning, limits
-def shares(parameters):
-    """What is searched, as shares [12] of the ranges."""
-    low, high = np.array(list(walk.SEARCH.values())).T
-    return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
-
-@pytest.fixture
-def tried(monkeypatch):
-    """Instead of walking, every candidate is scored by its distance to a known optimum."""
-    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
-
-    def measure(sim, parameters, seed):
-        seen.append(shares(parameters))
-        worlds.append(seed)
-        return np.linalg.norm(seen[-1] - optimum)
-
-    monkeypatch.setattr(walk, "measure", measure)
-    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
-    monkeypatch.setattr(walk, "in_words", str)
-    return optimum, seen, worlds
-
-def test_one_round_of_tuning_searches_its_range_and_nothing_else(tried):
-    _, seen, _ = tried
-    for sim, fixed in (("mujoco", ()), ("pymunk", walk.PLANAR_FIXED)):
-        seen.clear()
-        walk.tune(sim, seed=0, iterations=1)
-        assert np.min(seen) > -1e-3 and np.max(seen) < 1.001, "outside of its range"
-        searched = [name for name, width in zip(walk.SEARCH, np.ptp(seen, 0)) if width > 0]
-        assert searched == [name for name in walk.SEARCH if name not in fixed], sim
-
 def test_one_round_of_tuning_walks(capsys, monkeypatch):
     monkeypatch.setattr(walk, "LEVELS", 2)
     monkeypatch.setattr(walk, "PLANS", 4)
@@ -327,9 +282,29 @@ def test_one_round_of_tuning_walks(capsys, monkeypatch):
     shown = capsys.readouterr().out
     assert "score of the mean" in shown and "clearance" in shown
 
-def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(tried):
-    optimum, seen, worlds = tried
-    found = shares(walk.tune("mujoco", seed=1, iterations=15))
+def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch):
+    """Instead of walking, every candidate is scored by its distance to a known optimum."""
+    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
+    low, high = np.array(list(walk.SEARCH.values())).T
+
+    def shares(parameters):  # what is searched, as shares [12] of the ranges
+        return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
+
+    def measure(sim, parameters, seed):
+        seen.append(shares(parameters))
+        worlds.append(seed)
+        return np.linalg.norm(seen[-1] - optimum)
+
+    monkeypatch.setattr(walk, "measure", measure)
+    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
+    monkeypatch.setattr(walk, "in_words", str)
+    for sim, fixed in (("pymunk", walk.PLANAR_FIXED), ("mujoco", ())):
+        seen.clear()
+        worlds.clear()
+        found = shares(walk.tune(sim, seed=1, iterations=15))
+        assert np.min(seen) > -1e-3 and np.max(seen) < 1.001, "outside of its range"
+        searched = [name for name, width in zip(walk.SEARCH, np.ptp(seen, 0)) if width > 0]
+        assert searched == [name for name in walk.SEARCH if name not in fixed], sim
     close(seen[0], shares(walk_engine.TUNED["mujoco"]), atol=1e-3, err_msg="where the last ended")
     rounds, worlds = np.reshape(seen, (15, 28, -1)), np.reshape(worlds, (15, 28))
     away = np.linalg.norm(rounds - optimum, axis=-1)  # [15, 28]
@@ -351,7 +326,6 @@ def test_the_shipped_share_of_falls_is_that_within_the_limits():
             falls = np.array(found[title]["falls"])[inside]
             assert falls.mean() == pytest.approx(found[title]["fall_inside"], abs=1e-4), title
 
-# ------------------------------------------------------------------------ search: the map
 HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
 LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
 ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
@@ -437,8 +411,7 @@ def test_double_steps_favour_no_side_and_stay_within_the_limits():
     steps = search.double_steps(LIMITS)
     assert not steps[0].any(), "the first one is in place"
     twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
-    close(twice, steps, atol=1e-12, err_msg=(
-        "what was searched is what will be walked: within the limits"))
+    close(twice, steps, atol=1e-12, err_msg="all within the limits, so walked as searched")
     left_first, right_first = (np.unique(order.reshape(-1, 6).round(9) + 0.0, axis=0)
                                for order in (steps, steps[:, ::-1]))
     equal(left_first, right_first, "what one foot can, the other one can")
@@ -448,14 +421,12 @@ def test_double_steps_favour_no_side_and_stay_within_the_limits():
     assert np.abs(search.double_steps(LIMITS, 0.5)[..., 0]).max() == 0.09, "half of 18 cm"
 
 def test_displacements_are_those_of_a_steady_walk():
-    steps = np.array([[[0, 0, 0], [0, 0, 0]], [[0.05, 0, 0.2], [0.05, 0, -0.2]],
-                      [[9, 0, 0], [9, 0, 0]]])
+    steps = np.array([[[0, 0, 0]] * 2, [[0.05, 0, 0.2], [0.05, 0, -0.2]], [[9, 0, 0]] * 2])
     moves, stood = search.displacements("mujoco", steps)
     assert stood.tolist() == [True, True, False]
     close(moves[:2], [[0, 0, 0], [0.1, 0.02, 0.4]], atol=0.02, err_msg=(
         "a double step, seen from where the robot was and looked before"))
 
-# ------------------------------------------------------------------------ search: the planner
 STEPS = np.zeros((len(LATTICE), 2, 3))
 STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
 
@@ -515,7 +486,6 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
                 search.Planner().act(view, np.array([0]), np.zeros((1, 3)))
         assert len(str(error.value).splitlines()) == 1
 
-# ------------------------------------------------------------------------ baseline
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
     paper = {"fall": 0.0, "time": 20.0, "still_there": 0.98}
     rows = [paper | {"time": 9.0}, paper | {"time": 8.0, "fall": 0.005},

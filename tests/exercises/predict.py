@@ -7,20 +7,17 @@
     python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import torch
 
-sys.path.append(str(Path(__file__).resolve().parents[2]))  # the stages
-robot_model = import_module("01_robot_model")
-walk_engine = import_module("02_walk_engine")
-env = import_module("03_env")
-evaluate = import_module("05_evaluate")
+sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
+from common import env, evaluate, robot_model, walk_engine
+
 
 def circle(sim):
     """Sums of the three progress rewards on a circle, 2 m across, that passes the start again."""
@@ -106,8 +103,7 @@ EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "join
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ
-    parser = argparse.ArgumentParser(description=__doc__,
-                                     formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("name", choices=EXPERIMENTS)
     parser.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
                         default="pymunk", help="3-D instead of the sagittal plane")

@@ -28,10 +28,7 @@ def function_in(tree, name):
     return tree
 
 def body_of(source, name, since=""):
-    """(first, end, indent): lines[first:end] of the source are what is to be written.
-
-    Without the docstring, with the comments above the first statement.
-    """
+    """(first, end, indent): lines[first:end] are to be written, all behind the docstring."""
     node = function_in(ast.parse(source), name)
     after, statements = node.body[0].lineno - 1, list(node.body)
     if ast.get_docstring(node) is not None:

@@ -1,7 +1,5 @@
-"""The one list of the exercises in which a function is to be written.
-
-sheet.py empties these functions, ../grading.py grades them, ../test_workbook.py checks that
-README.md beside this file agrees.
+"""The one list of the exercises in which a function is to be written: sheet.py empties it,
+../grading.py grades it, ../test_workbook.py checks that README.md beside this file agrees.
 """
 
 from collections import namedtuple

@@ -2,9 +2,8 @@
 
     python tests/studies/ablations.py [--mujoco] [--only ablations | decision] [--out FOLDER]
 
-ablations: they say how soon something is learned, not how well in the end. decision: the
-shipped trainings decide by the mode of their distribution, as the paper does, and by its mean, as
-ours do. That choice was made on goals of the stream "tuning"; those of "evaluation" are fresh.
+decision: the shipped trainings decide by the mode of their distribution, as the paper does, and by
+its mean, as ours do. That choice was made on the stream "tuning"; "evaluation" is fresh.
 """
 
 import json
@@ -23,12 +22,8 @@ torch = ppo.torch
 DURATION = "80 minutes on two cores; 3-D: 4 hours, decision 40 minutes of them"
 STEPS, GOALS = 100_000, 500  # double steps of a training, near and far goals for it
 
-# ------------------------------------------------------------------------ the variants
 class GaussianActor(ppo.ActorCritic):
-    """The usual choice instead of the Beta: it may sample outside [0, 1].
-
-    The environment gets the clipped action; the log-probability is that of the unclipped one.
-    """
+    """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
@@ -98,7 +93,6 @@ def ablate(sim, name, seed):
         evaluate.write_text(folder / "row.json", json.dumps(row))
     return common.read_json(folder / "row.json")
 
-# ------------------------------------------------------------------------ the two parts
 def study_ablations(args):
     """As many trainings at a time as there are cores."""
     jobs = list(product([args.sim], VARIANTS, FEW))

@@ -3,8 +3,7 @@
     python tests/studies/common.py     puts the tables of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return plain numbers)
-`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png to
-runs/<sim>/studies/; `--out results/<sim>/studies` replaces the evidence, and git shows the change.
+`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
 A finished part is written before the next one begins; --only measures one part anew.
 """
 
@@ -34,7 +33,6 @@ FEW = (0, 1, 2)  # of all others
 PER_SET = 500  # goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
-# ------------------------------------------------------------------------ command line
 class StudyParser(robot_model.StageParser):
     """The flags of every study; errors are one line with exit code 2, as in the stages."""
     def __init__(self, study):
@@ -69,10 +67,7 @@ def run(name):
     robot_model.run(lambda: main(name))
 
 def publish(study, part, args):
-    """Measure a part of a study, then write what is known of all its parts.
-
-    NAME.json has the numbers by part; those of a study with one part, called "", directly.
-    """
+    """Measure a part of a study, "" if it is the only one, then write all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if part:
@@ -86,7 +81,6 @@ def publish(study, part, args):
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
 
-# ------------------------------------------------------------------------ files
 def read_json(path):
     """The content of a file that a study, or stage 5, has written."""
     return json.loads(path.read_text(encoding="utf-8"))
@@ -97,7 +91,6 @@ def work(sim, study, training):
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
-# ------------------------------------------------------------------------ tables
 HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
          "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
          "over_baseline_tuned": "time ÷ baseline_tuned", "over_search": "time ÷ search",
@@ -157,7 +150,6 @@ def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
 
-# ------------------------------------------------------------------------ walks
 def opponents(sim):
     """The planners of README's table that do not learn, by name."""
     return {"baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
@@ -180,8 +172,7 @@ def without_reflex(world):
 def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, friction=np.nan,
           purpose="evaluation"):
     """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
-
-    The studies begin at 1. Seeds from 120 on judge what they have chosen, see `seeds.py`.
+    Seeds from 120 on judge what the studies have chosen, see `seeds.py`.
     """
     parts, per_set = [], per_set or PER_SET
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
@@ -204,7 +195,6 @@ def time_ratio(ended, reference, name):
     return {key.replace("time_ratio", name): np.round(ratio[key], 4).tolist()
             for key in ("time_ratio", "time_ratio_ci95") if ratio}
 
-# ------------------------------------------------------------------------ pages
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
     order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []

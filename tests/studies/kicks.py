@@ -2,12 +2,9 @@
 
     python tests/studies/kicks.py [--mujoco] [--only pushes | worlds] [--out FOLDER]
 
-pushes: shipped policies and `baseline_tuned`, far goals with noise, with the reflex and without it.
-A push acts on the torso for 50 ms, in a random horizontal direction (on the plane ahead or back),
-at a random moment of a double step; alone it would make the torso faster by Δv. On average there is
-one every 3 s. All planners meet the same ones. Nobody has been trained with pushes.
-
-worlds: three shipped planners, near and far goals with noise. No planner observes the world.
+pushes: far goals with noise. A push acts on the torso for 50 ms; alone it would make the torso
+faster by Δv. On average there is one every 3 s; all planners meet the same ones.
+worlds: near and far goals with noise. No planner observes the world.
 """
 
 from itertools import product
@@ -20,15 +17,14 @@ from common import RESULTS, env
 DURATION = "pushes: 5 minutes on two cores, worlds: 10; 3-D: 20 and 40"
 SETS = 2  # of 500 goals
 
-# ------------------------------------------------------------------------ pushes
 SPEEDS = (0.0, 0.2, 0.4, 0.6, 0.8)  # Δv [m/s]
 
 def study_pushes(args):
     """Every planner at every Δv, with the reflex and without it."""
-    files = {"policy": "policy.pt", "policy_imu": "imu/policy.pt"}
-    planners = {name: common.policy(RESULTS / args.sim / file, args.sim)
-                for name, file in files.items()
-                if name == "policy" or (RESULTS / args.sim / file).is_file()}
+    shipped = RESULTS / args.sim
+    planners = {"policy": common.policy(shipped / "policy.pt", args.sim)}
+    if (shipped / "imu" / "policy.pt").is_file():
+        planners["policy_imu"] = common.policy(shipped / "imu" / "policy.pt", args.sim)
     planners["baseline_tuned"] = common.opponents(args.sim)["baseline_tuned"]
     rows = []
     for reflex in (True, False):
@@ -42,7 +38,6 @@ def study_pushes(args):
                              **common.row_of(ended, name, True, far=True)})
     return {"goals": SETS * common.PER_SET, "rows": rows}
 
-# ------------------------------------------------------------------------ other worlds
 class SlowNoise(env.FootstepWorld):
     """The noise of the goal is as large, but changes slowly: 0.9 of it stay for the next time."""
     STAYS = 0.9

@@ -3,19 +3,18 @@
     python -m pip install stable-baselines3==2.9.2
     python tests/studies/peers.py [--mujoco] [--out FOLDER]
 
-Ours and theirs with the same Gaussian policy, clipped, network, settings and 64 robots. Ours starts
-all episodes anew after every 10th update, theirs never. If ours is right, the ranges of their seeds
-overlap. (Two equal ones fail that in one case of ten.)
+Ours starts all episodes anew after every 10th update, theirs never. If ours is right, the ranges of
+their seeds overlap. (Two equal ones fail that in one case of ten.)
 
-RLlib (the rows "RLlib": three trainings by this recipe) is for several machines. It needs another
-Gymnasium: `python -m pip install "ray[rllib]==2.60.0"` in a virtual environment of its own. Its
-processes import the stages anew: `ray.init(runtime_env={"env_vars": {"PYTHONPATH": this folder}})`,
+RLlib (the rows "RLlib") needs another Gymnasium: `python -m pip install "ray[rllib]==2.60.0"` in a
+virtual environment of its own. Its processes import the stages anew:
+`ray.init(runtime_env={"env_vars": {"PYTHONPATH": this folder}})`,
 `register_env("footsteps", lambda settings: import_module("03_env").FootstepEnv(**settings))`. Take
 our settings as below, two `num_env_runners` with eight robots each, `use_kl_loss=False` and
-`vf_clip_param=inf`. Its first policy has a standard deviation of half of the actions' range: after
-70,000 double steps it still fell in 73 % of the walks. So set, in the weights of its last layer,
-the bias to the neutral action (on its scale −1 to 1) and to ln σ, and multiply the rest by 0.01. On
-a cluster: start Ray there, with this folder at the same place on every machine; set RAY_ADDRESS.
+`vf_clip_param=inf`. Its first policy is so wide that the robot falls. So set, in the weights of its
+last layer, the bias to the neutral action (on its scale −1 to 1) and to ln σ, and multiply the rest
+by 0.01. On a cluster: start Ray there, with this folder at the same place on every machine; set
+RAY_ADDRESS.
 """
 
 from dataclasses import replace

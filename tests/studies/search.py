@@ -5,11 +5,10 @@
 
 The worked example of a planner of one's own, `Planner`. It takes the double step after which the
 fewest are left. How many are left is a map V of all poses around the goal. The script works it out
-once, from the goal outwards, by dynamic programming: the answer of the paper's references [3] and
-[4], A*, for all starts at once. Left out is how the robot moves when a double step begins: a long
-one after a short one may end in a fall. So the script tries sizes of steps, and largest changes
-from one to the next, as `baseline.py` tries its settings. It writes the map of the best to
-search.npz in the folder above the table. The planner reads results/<sim>/search.npz.
+once by dynamic programming: the answer of the paper's references [3] and [4], A*, for all starts at
+once. Left out is how the robot moves when a double step begins. So the script tries sizes of steps
+and largest changes from one to the next. It writes the map of the best to search.npz in the folder
+above the table. The planner reads results/<sim>/search.npz.
 """
 
 import json
@@ -24,12 +23,8 @@ CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of p
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
-# ------------------------------------------------------------------------ the map
 def double_steps(limits, factor=1.0):
-    """A finite set of double steps [A, 2, 3] to search over; the first one is in place.
-
-    8 lengths × 5 sideways × 7 turns, within the limits times a factor.
-    """
+    """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
     low, high = factor * np.array(limits.low), factor * np.array(limits.high)
     lengths = np.linspace(low[0], high[0], 8)
     shares = np.meshgrid(lengths, np.linspace(-1, 1, 5), np.linspace(-1, 1, 7), indexing="ij")
@@ -44,10 +39,8 @@ def double_steps(limits, factor=1.0):
     return steps
 
 def displacements(sim, steps):
-    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3].
-
-    Measured once, at the middle of the spread, the mean of both delays: the third to sixth of six
-    in a row. Also returns which of them stood, bool [A].
+    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3]; and
+    which of them stood. Measured at the middle of the spread: the third to sixth of six in a row.
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
     n, spread = len(plans), env.Spread()
@@ -122,7 +115,6 @@ def look_up(value, poses):
         total = total + share_x * share_y * share_yaw * corner
     return total
 
-# ------------------------------------------------------------------------ the planner
 class Planner:
     """Takes the double step after which the fewest are left."""
     def __init__(self, known=None):
@@ -143,17 +135,14 @@ class Planner:
         edge = CELL * HALF - np.abs(moves[:, :2]).max() * math.sqrt(2)  # [m]
         pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
         left = look_up(value, robot_model.compose(pose[:, None], moves))  # [n, A]
-        # What was done last may be done again. What differs from it too much costs up to a hundred
-        # double steps, more than any way on the map: it is done if nothing else is left.
+        # What differs too much from the last one costs more than any way: done if nothing is left.
         change = np.abs(view.actions[:, :1] - actions).max(-1)  # [n, A]
         left = left + 100 * np.maximum(0, change - largest_change)
         return actions[left.argmin(1)]
 
 def read_map(limits):
-    """The shipped map of the simulator with these step limits; else a PolicyError of one line.
-
-    steps [A, 2, 3]: the double steps that stood; moves [A, 3]: where they take the robot; V; how
-    far an action may be from the last one [share of limits].
+    """The shipped map of the simulator with these limits: steps [A, 2, 3] that stood, moves [A, 3],
+    V, and how far an action may be from the last one; else a PolicyError of one line.
     """
     sim = next((sim for sim, known in env.LIMITS.items() if known == limits), None)
     path = common.RESULTS / f"{sim}" / "search.npz"
@@ -176,7 +165,6 @@ def write_map(path, sim, factor, known):
     robot_model.atomic_write(path, lambda file: np.savez_compressed(
         file, about=json.dumps(about), steps=steps, moves=moves, parts=parts))
 
-# ------------------------------------------------------------------------ how large steps may be
 DURATION = "10 minutes on two cores; 3-D: 20 minutes"
 FACTORS = (0.3, 0.45, 0.6, 0.8, 1.0)  # [-] on the limits of a step
 CHANGES = (0.2, 0.35, 1.0)
@@ -199,13 +187,11 @@ def study(args):
                 planner = planners[factor, change] = Planner((*found, change))
                 ended = baseline.both(world, planner, 1, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
-        paper = common.read_json(
-            common.RESULTS / args.sim / "studies/baseline.json")["carrot"]["paper"]
+        file = common.RESULTS / args.sim / "studies" / "baseline.json"
+        paper = common.read_json(file)["carrot"]["paper"]
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
-        rows = []
-        for row in tried[:FINALISTS]:
-            planner = planners[row["factor"], row["change"]]
-            rows.append(row | baseline.final(world, planner))
+        rows = [row | baseline.final(world, planners[row["factor"], row["change"]])
+                for row in tried[:FINALISTS]]
         best, rule = baseline.choose(rows, paper)
     path = args.out.parent / "search.npz"
     known = planners[best["factor"], best["change"]].known

@@ -3,11 +3,9 @@
     python tests/studies/seeds.py [--mujoco] [--only distances | pooled | seeds | imu]
                                   [--out FOLDER]
 
-distances: the shipped planners, to goals at distances from 0 to 6 m. pooled: the shipped policy on
-evaluation seeds 120 to 129, walked once for every recipe that is shipped, after everything has been
-chosen: the next recipe takes 130 to 139. seeds: all trainings (five in 3-D, three on the plane) and
-their opponents; then the trainings on grounds of one friction. imu: three trainings with IMU
-against those without, from the same training seeds.
+pooled: evaluation seeds 120 to 129, walked once, after everything has been chosen; the next recipe
+takes 130 to 139. seeds: all trainings and their opponents, then the trainings on grounds of one
+friction. imu: three trainings with IMU against those without, from the same training seeds.
 All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
 and so on, with `--imu` into imu/seeds/. The median of each kind, by success with noise and then by
 time, is the one to ship.
@@ -38,10 +36,8 @@ def opponents(sim):
     return {(name, None): planner for name, planner in planners.items()}
 
 def walked(sim, planners, noises, sets, first=1, references=()):
-    """Rows of these planners for near and far goals.
-
-    Policies get their time relative to that of the references; those with IMU that relative to the
-    policy of the same training seed, too.
+    """Rows of these planners for near and far goals; a policy's time also relative to that of
+    the references, and with an IMU to that without, from the same training seed.
     """
     rows = []
     with common.world(sim) as world:
@@ -68,11 +64,8 @@ def median_seed(rows):
     return seeds[len(seeds) // 2]
 
 def least_time(goals, world):
-    """Time [n] in which no robot gets to goals [n, 3], even if every double step went as planned.
-
-    So many double steps are needed for the way, if all of them are the longest and lead straight
-    there, and so many for the turn: the larger number counts. (How near the goal must be is the
-    task's.)
+    """Time [n] in which no robot gets to goals [n, 3]: so many double steps are needed for the way,
+    if all are the longest, and so many for the turn; the larger number counts.
     """
     task, (low, high) = world.task, np.array([world.limits.low, world.limits.high])
     longest = np.hypot(2 * high[0], high[1] - low[1])  # [m] ahead and sideways
@@ -81,7 +74,6 @@ def least_time(goals, world):
     turn = (np.abs(alpha) - task.success_rad) / (high[2] - low[2])
     return world.engine.period * np.ceil(np.maximum(1, np.maximum(way, turn)))
 
-# ------------------------------------------------------------------------ the parts
 def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
     planners = {name: planner for (name, _), planner in opponents(args.sim).items()
@@ -106,7 +98,7 @@ def study_distances(args, count=200):
                              "least": float(least[far == distance][reached].mean())})
     return {"goals": count, "rows": rows}
 
-def study_seeds(args):
+def study_all(args):
     """Every training and its opponents in every block, every training on every ground."""
     policies, ground = trained(args.sim, SEEDS[args.sim]), []
     found = walked(args.sim, opponents(args.sim) | policies, (False, True), SETS,
@@ -131,8 +123,7 @@ def study_imu(args):
     found = walked(args.sim, policies, (True,), POOLED_SETS)
     return {"median_seed": median_seed(pick(found["rows"], planner="policy_imu")), **found}
 
-PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_seeds,
-         "imu": study_imu}
+PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_all, "imu": study_imu}
 
 def table(found, sim):
     """Markdown; square brackets: 95 % intervals over goals."""

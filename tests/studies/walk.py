@@ -4,10 +4,8 @@
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
 
-(each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. --limits draws
-three maps, and walks random plans. Every cell of a map is eight walks of three and then five equal
-double steps, each varied by ± 5 %. The third map separates long steps from sudden changes of their
-length. --tune prints a line for TUNED.
+(each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. Every cell of a
+map is eight walks. --tune prints a line for TUNED.
 """
 
 from dataclasses import replace
@@ -32,22 +30,14 @@ PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
 FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
 PLANS = 96  # random ones
 
-# ------------------------------------------------------------------------ how well it walks
 def speed_plans():
     """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
     go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
     shares = (np.arange(LEVELS) + 1) / LEVELS
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
 
-def random_plans(rng, limits, count):
-    """Footsteps [count, 8, 2, 3] drawn evenly within the limits: harder than any planned walk."""
-    return rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
-
 def gyro_errors(rng, count):
-    """What `walk` shall do before every double step: give these robots' gyros errors.
-
-    As in the world of stage 3: a constant one of each robot, and white noise in every tick.
-    """
+    """`disturb` of `walk`, as in stage 3: each gyro's constant error, and noise at every tick."""
     largest = env.Spread().gyro
     constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
 
@@ -121,9 +111,9 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     that did not fall; steps: share of their double steps before a fall; clearance: median and 5th
     percentile, and slip: median, of `clearance_and_slip` over all walks [m].
     """
-    rng, straight = np.random.default_rng(seed), speed_plans()
-    limits = env.LIMITS[sim]
-    plans = np.concatenate([*[straight] * len(frictions), random_plans(rng, limits, count)])
+    rng, straight, limits = np.random.default_rng(seed), speed_plans(), env.LIMITS[sim]
+    random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
+    plans = np.concatenate([*[straight] * len(frictions), random])
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
@@ -163,7 +153,6 @@ def in_words(measured):
             f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
             f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm")
 
-# ------------------------------------------------------------------------ tuning
 SEARCH = {  # tuned parameters and their ranges: from those of [5] of stage 02
     "half_ticks": (25, 40), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
     "foot_rise": (0.02, 0.10), "trunk_height": (0.36, 0.42), "trunk_phase": (-0.45, 0.45),
@@ -191,10 +180,8 @@ def changed(start, names, x):
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
 
 def tune(sim, seed, iterations=10, population=28, elite=7):
-    """Cross-entropy method: draw candidates, keep the best quarter, draw nearer to them.
-
-    It begins at TUNED: after pasting the result there, a second call goes on. [5] used a
-    tree-structured Parzen estimator for the same question. Returns WalkParameters.
+    """Cross-entropy method, from TUNED on: draw candidates, keep the best quarter, draw nearer to
+    them. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
     """
     start = walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
@@ -217,7 +204,6 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
               f"{in_words(seen[0])}\n{tried[0]}", flush=True)
     return changed(start, names, mean)
 
-# ------------------------------------------------------------------------ how large a step may be
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
 RANDOM = 1000  # plans within the limits
 X = np.linspace(-0.24, 0.32, CELLS)  # [m]
@@ -236,20 +222,17 @@ MAPS = {  # title: label of the second axis, its values, first and then from (x,
         lambda x, last: [[[last, 0, 0]] * 2, [[x, 0, 0]] * 2]),
 }
 
-def falls_of(sim, plans, rng):
-    """Which plans [R, K, 2, 3] end in a fall [R], each with a body and a ground of its own."""
+def fall_map(sim, first, then):
+    """Share of falls [R] of drawn robots, plans [R, 2, 3]: three double steps `first`, then five
+    of `then`, varied by ± 5 %.
+    """
+    plans, rng = np.stack([first] * 3 + [then] * 5, 1), np.random.default_rng(0)
+    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
+    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     gyros = gyro_errors(rng, len(plans))
     _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body, gyros)
-    return fall < plans.shape[1]
-
-def fall_map(sim, first, then, seed=0):
-    """Share of falls [R] over plans [R, 2, 3]: three double steps `first`, then five of `then`."""
-    plans = np.stack([first] * 3 + [then] * 5, 1)
-    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
-    rng = np.random.default_rng(seed)
-    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
-    return falls_of(sim, plans, rng).reshape(-1, REPEATS).mean(1)
+    return (fall < plans.shape[1]).reshape(-1, REPEATS).mean(1)
 
 def cells(title, xs, others):
     """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
@@ -306,7 +289,6 @@ def plot(found, sim):
     figure.suptitle(f"Which steps fall in drawn worlds ({sim}); blue: the limits of an action")
     return figure
 
-# ------------------------------------------------------------------------ command line
 def main(argv=None):
     study = import_module("walk")
     parser = common.StudyParser(study)
