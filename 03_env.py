@@ -352,11 +352,12 @@ class FootstepWorld:
 
     def measure(self, robots):
         """The goal [n, 3] as the robot knows it after one more measurement."""
-        task = self.task  # without noise the gain K is 1: only the new measurement counts
+        task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         measured = self._noisy("noise", self.relative_goal(robots), robots, std)
+        # Without noise K is 1: only the new measurement counts. (Not 0 / 0 if it is made twice.)
         self.estimate[robots], self.variance[robots] = correct(
-            self.estimate[robots], self.variance[robots], measured, std)
+            self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12))
         return self.estimate[robots]
 
     def _disturb(self, trajectory, robots):

@@ -481,6 +481,7 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
         return world.observe([0], goal, imu=True)[0, 20:] / [4, 4, 1, 1, 1]  # [rad], [rad/s]
 
     close(look(exact), true, atol=1e-6)
+    close([exact.measure([0])[0] for _ in range(2)], [goal[0]] * 2, err_msg="also a second look")
     seen = np.array([look(noisy) for _ in range(count)])
     assert np.all(np.abs(seen) <= math.pi), "wrap the noisy yaw"
     error = robot_model.wrap(seen - true)
