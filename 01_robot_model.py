@@ -455,41 +455,35 @@ class MujocoSim:
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)
+        self.pool = mujoco.rollout.Rollout(nthread=cores)
         self.standing_height = torso[2]
-        self.start = np.zeros(1 + self.model.nq + self.model.nv)  # [38] standing at the origin
-        self.start[self.PLACE] = torso[:3]
-        # A turn by the pitch about y, see `euler`.
-        self.start[self.TURN] = math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0
-        self.start[self.ANGLES] = joints
+        # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
+        turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
+        self.start = np.concatenate([[0], torso[:3], turn, joints, np.zeros(self.model.nv)])
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
         self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
         kinds = mujoco.mjtState
-        self.inputs = int(kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED)
+        self.inputs = kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
         self.state[robots] = self.start
         self.control[robots] = self.start[self.ANGLES]
-        if body is not None:
-            self.delay[robots] = body.delay
-            for row, i in enumerate(robots):
-                self.models[i] = self._changed(body, row)
-
-    def _changed(self, body, row):
-        """The model with this row of a Body."""
-        model = copy.copy(self.model)
-        mass = np.append(1.0, body.mass[row])  # in the order of MuJoCo's bodies; first the world
-        model.body_mass[:] *= mass
-        model.body_inertia[:] *= mass[:, None]
-        model.pair_friction[:, :2] = body.friction[row]
-        # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
-        model.actuator_gainprm[:, 0] *= body.stiffness[row]
-        model.actuator_biasprm[:, 1] *= body.stiffness[row]
-        model.dof_frictionloss[6:] = body.stiction[row]
-        self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
-        return model
+        if body is None:
+            return
+        self.delay[robots] = body.delay
+        for row, i in enumerate(robots):
+            self.models[i] = model = copy.copy(self.model)
+            mass = np.append(1.0, body.mass[row])  # as MuJoCo's bodies, the world is the first
+            model.body_mass[:] *= mass
+            model.body_inertia[:] *= mass[:, None]
+            model.pair_friction[:, :2] = body.friction[row]
+            # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
+            model.actuator_gainprm[:, 0] *= body.stiffness[row]
+            model.actuator_biasprm[:, 1] *= body.stiffness[row]
+            model.dof_frictionloss[6:] = body.stiction[row]
+            self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -500,11 +494,9 @@ class MujocoSim:
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models, ticks = [self.models[i] for i in robots], rate.shape[1]
-        # From one reading of the gyro to the next nothing interferes: one rollout.
-        every = READ_EVERY if trajectory.support.any() else ticks
         parts = []
-        for t in range(0, ticks, every):
-            end = min(t + every, ticks)
+        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
+            end = min(t + READ_EVERY, ticks)
             turning = state[:, self.SPIN][:, :2]
             now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
@@ -576,9 +568,9 @@ class PymunkSim:
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
         # bear the torque r·μ·F.
         middles = (np.arange(50) + 0.5) / 50 - 0.5
-        x = (robot.foot_front + robot.foot_back) * middles
-        y = robot.foot_width * middles
-        self.sole_radius = np.hypot(x[:, None], y).mean()  # r [m]
+        length = robot.foot_front + robot.foot_back
+        # all pairs of x and y  [50, 50] -> r [m]
+        self.sole_radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
         self.spaces = [None] * num_robots
         self.motors = [None] * num_robots
         self.buffer = pymunk.batch.Buffer()
@@ -588,20 +580,17 @@ class PymunkSim:
         self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
-        self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
-        self.friction = np.full(num_robots, robot.friction)
-        self.gain = np.full((num_robots, 6), robot.planar_gain)  # [1/s]
-        self.stiction = np.zeros((num_robots, 6))  # [N m]
-        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        self.body = Body(  # of all N robots: as the model
+            friction=np.full(num_robots, robot.friction), mass=np.ones((num_robots, 9)),
+            stiffness=np.ones((num_robots, 12)), stiction=np.zeros((num_robots, 12)),
+            delay=np.zeros(num_robots, int))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
         if body is not None:
-            self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
-            self.friction[robots], self.delay[robots] = body.friction, body.delay
-            self.gain[robots] = self.robot.planar_gain * body.stiffness[:, SAGITTAL]
-            self.stiction[robots] = body.stiction[:, SAGITTAL]
+            for name, values in vars(body).items():
+                getattr(self.body, name)[robots] = values
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
             self.spaces[i], self.motors[i] = self._build(i)
         self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
@@ -619,19 +608,16 @@ class PymunkSim:
         space.iterations = robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         ground = pymunk.Segment(pymunk.Body(0, 0, pymunk.Body.KINEMATIC), (-1e4, -1), (1e4, -1), 1)
-        ground.friction = self.friction[i]  # pymunk MULTIPLIES both shapes' values; the other is 1
+        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         space.add(ground.body, ground)  # it never moves, and takes 66 kB less than a static body
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
-        points = [tuple(torso[[0, 2]]), *map(tuple, legs)]  # [7, 2] upper joint of each body
-        pitches = torso[4] + np.array([0, *joints[2:5].cumsum(), *joints[8:11].cumsum()])
+        points = np.vstack([torso[[0, 2]], legs]).tolist()  # [7, 2] upper joint of each body
+        pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
         bodies, motors = [], []
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
-            # The rotor turns with the link below it. Its inertia also stabilises the solver:
-            # without it the light shin makes a standing robot sway, by 2 cm in the first second.
-            mass = self.masses[i, k]
-            rotor = robot.armature if k else 0.0
-            body = pymunk.Body(mass, link.inertia[1] * mass / link.mass + rotor)
+            mass = link.mass * self.body.mass[i, self.MASS[k]]
+            body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
             x, _, z = link.com
             # First the joint's place. Then the body moves, so that (x, z) is its centre of mass.
             body.angle, body.position = -pitch, point
@@ -639,21 +625,23 @@ class PymunkSim:
             space.add(body)
             bodies.append(body)
             if link is robot.foot:
-                back, front, low = -robot.foot_back, robot.foot_front, -robot.ankle_height
-                high = low + robot.sole_height
-                corners = [(back, low), (front, low), (front, high), (back, high)]
-                shape = pymunk.Poly(body, [(u - x, w - z) for u, w in corners])
+                ends, low = (-robot.foot_back, robot.foot_front), -robot.ankle_height
+                heights = low, low + robot.sole_height
+                shape = pymunk.Poly(body, [(u - x, w - z) for u in ends for w in heights])
                 shape.friction = 1.0
                 shape.filter = pymunk.ShapeFilter(group=1)  # the feet do not touch one another
                 space.add(shape)
             if k:
+                # The rotor turns with the link below it. Its inertia also stabilises the solver:
+                # without it the light shin makes a standing robot sway, by 2 cm in a second.
+                body.moment += robot.armature
                 parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
-                motor.max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
-                limits = -robot.joint_max[index], -robot.joint_min[index]
-                space.add(motor, pymunk.PivotJoint(parent, body, point),
-                          pymunk.RotaryLimitJoint(parent, body, *limits))
+                stiction = self.body.stiction[i, SAGITTAL[k - 1]]
+                motor.max_force = max(0, robot.torque_limit[index] - stiction)
+                space.add(motor, pymunk.PivotJoint(parent, body, point), pymunk.RotaryLimitJoint(
+                    parent, body, -robot.joint_max[index], -robot.joint_min[index]))
                 motors.append(motor)
         return space, motors
 
@@ -701,6 +689,7 @@ class PymunkSim:
         """Bodies [n, T + 1, 7, 6], before and after every tick."""
         robot, targets = self.robot, trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
+        gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         dt = robot.control_dt / robot.substeps  # [s]
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
         wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
@@ -712,12 +701,12 @@ class PymunkSim:
                 end = min(t + READ_EVERY, ticks)
                 turning = [0, -1] * seen[:, t, 0, [self.SPIN]]  # [n, 2] the plane has no roll
                 wanted[:, t:end, 0] += reflex(robot, trajectory, t, end, turning)[..., SAGITTAL]
-            now = np.where(self.delay[robots, None, None], self.last[robots], wanted[:, t])
+            now = np.where(self.body.delay[robots, None, None], self.last[robots], wanted[:, t])
             self.last[robots] = wanted[:, t]
             # A motor that only followed the error would lag behind a moving target: add the
             # target's rate. So a joint arrives at the end of the tick where the target is then.
             error = now[:, 0] - self._angles(seen[:, t])
-            speeds = np.clip(now[:, 1] + self.gain[robots] * error, -limit, limit)
+            speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
             pushes = trajectory.push[:, t, 0].tolist()
             for i, row, push in zip(robots.tolist(), speeds.tolist(), pushes):
                 for motor, speed in zip(self.motors[i], row):
@@ -738,9 +727,10 @@ class PymunkSim:
         k, c = robot.yaw_stiffness, robot.yaw_damping
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
-        ahead, up = np.moveaxis((change * self.masses[robots, None, :, None]).sum(2), -1, 0)
+        masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
+        ahead, up = np.moveaxis((change * masses[:, None, :, None]).sum(2), -1, 0)
         # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
-        grip = (self.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
+        grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
         rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n] ψ̇, e
