@@ -56,9 +56,9 @@ soles touch anything.
     Competitions.
 """
 
-import contextlib
 import copy
 import importlib.util
+import itertools
 import math
 import multiprocessing
 import os
@@ -534,8 +534,7 @@ def planar_links(robot):
     # Parallel axes: I = Σ (Iᵢ + mᵢ·zᵢ²)
     pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
     torso = Link(mass, (0, 0, centre), (0, pitch, 0))
-    leg = (robot.thigh, robot.shin, robot.foot)
-    return torso, *leg, *leg
+    return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
@@ -647,11 +646,11 @@ class PymunkSim:
 
     def _read(self, robots):
         """States [n, 7, 6] of the bodies of these robots; all spaces in one buffer, for speed."""
-        batch, fields = pymunk.batch, pymunk.batch.BodyFields
+        fields = pymunk.batch.BodyFields
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
         for i in robots:
-            batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
+            pymunk.batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
         states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)
         return states[:, 1:].copy()  # the first body is the ground
 
@@ -759,11 +758,10 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 # ------------------------------------------------------------------------ demonstration
-# Trunk and head in the torso's frame: ends of two lines [2, 2, 3] [m]; the head is only drawn. Then
-# radius [m] and colour of all lines: these two; thigh, shin, foot of the left and the right leg.
-TORSO_LINES = np.array([[(0, 0, 0.05), (0, 0, 0.24)], [(0.01, 0, 0.36), (0.01, 0, 0.36)]])
-RADII = (0.085, 0.055, *(0.036, 0.029, 0.016) * 2)
-LINE_COLORS = ("0.8", "0.88", *COLORS[:1] * 3, *COLORS[1:] * 3)
+# Trunk and head: heights of both ends of a line in the torso's frame [m]; the head is only drawn.
+# Then colour and radius [m] of all lines: these two; thigh, shin, foot of the left, the right leg.
+UPPER_ENDS = np.array([[0.05, 0.24], [0.36, 0.36]])
+LINES = (("0.8", 0.085), ("0.88", 0.055), *itertools.product(COLORS, (0.036, 0.029, 0.016)))
 
 def camera(azimuth=-60, elevation=20):
     """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
@@ -771,26 +769,30 @@ def camera(azimuth=-60, elevation=20):
     """
     return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
 
+def capsule(start, end, radius):
+    """Outline [24, 2] of a thick line from start [2] to end [2], with round ends."""
+    across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
+    half = radius * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
+    return np.concatenate([start + half, end - half])
+
 def draw_robots(axes, robot, torso, joints, view):
     """Robots as measured, or one at K moments, the last one strongest: torso [K, 6], joints
     [K, 12]; view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
     points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
-    turn = rotation(*torso[:, 3:].T).swapaxes(1, 2)  # [K, 3, 3]
-    upper = torso[:, None, None, :3] + TORSO_LINES @ turn[:, None]  # [K, 2, 2, 3]
+    up = rotation(*torso[:, 3:].T)[:, None, None, :, 2]  # [K, 1, 1, 3] along the torso
+    upper = torso[:, None, None, :3] + UPPER_ENDS[..., None] * up  # [K, 2, 2, 3]
     # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
     legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
     seen = np.concatenate([upper, legs], 1) @ view.T  # [K, 8, 2, 3]
     count = len(torso)
     for k, j in sorted(np.ndindex(count, 8), key=lambda line: seen[line][:, 0].max()):
         start, end = seen[k, j, :, 1:]
-        color = 1 - (1 - np.array(to_rgb(LINE_COLORS[j]))) * (k + 1) / count
-        across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
-        half = RADII[j] * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
-        axes.fill(*np.concatenate([start + half, end - half]).T, color=color, ec=color / 2, lw=0.6)
+        color, radius = LINES[j]
+        color = 1 - (1 - np.array(to_rgb(color))) * (k + 1) / count
+        axes.fill(*capsule(start, end, radius).T, color=color, ec=color / 2, lw=0.6)
         # On it a thinner, lighter line: light comes from above.
-        half, shift = half / 2, RADII[j] * np.array([-0.2, 0.2])
-        light = np.concatenate([start + half, end - half]) + shift
+        light = capsule(start, end, radius / 2) + radius * np.array([-0.2, 0.2])
         axes.fill(*light.T, color=0.6 * color + 0.4)
 
 def draw_ground(axes, view, size=2):
@@ -808,16 +810,13 @@ def centre_of_mass(robot, torso, joints):
     # Thigh and shin have their centres in the middle.
     places = [torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com, hip,
               (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ robot.foot.com]
-    links = robot.torso, robot.hip, robot.thigh, robot.shin, robot.foot
-    moment = sum(link.mass * place.sum(1) for link, place in zip(links, places))
-    return moment / sum(link.mass * place.shape[1] for link, place in zip(links, places))
+    legs = np.repeat([robot.hip.mass, robot.thigh.mass, robot.shin.mass, robot.foot.mass], 2)
+    return np.average(np.concatenate(places, 1), 1, np.append(robot.torso.mass, legs))
 
 def plot_fall(axes, robot, torso, joints, view, edge):
-    """The last second of a fall, at seven moments; torso [T, 6], joints [T, 12] until then; edge
-    of the sole [m] to the right in the picture.
+    """A fall at K moments, torso [K, 6], joints [K, 12]; edge of the sole [m] to the right in the
+    picture.
     """
-    ticks = np.linspace(len(torso) - 100, len(torso) - 1, 7).astype(int)
-    torso, joints = torso[ticks], joints[ticks]
     draw_ground(axes, view, 0.5)
     draw_robots(axes, robot, torso, joints, view)
     _, right, up = view @ centre_of_mass(robot, torso, joints).T
@@ -837,9 +836,9 @@ def main():
     seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
     stand = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
     joints = stand.copy()
-    # The feet stand, so a negative ankle pitch tilts all the rest forward.
-    for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
-        joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
+    # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
+    # right, tilts all the rest forward.
+    joints[..., [4, 10]] -= (leans[:, None] * np.clip((seconds - 1) / 8, 0, 1))[..., None]
     trunk = np.zeros((count, len(seconds), 6))
     none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
     # What is drawn at random, its sizes, targets, pushes; the camera; the edge to fall over [m].
@@ -855,8 +854,9 @@ def main():
         motion = sim.run(Trajectory(joints, trunk, none, none, push), np.arange(count))
         i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
         print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {sizes[i]:.2f}")
-        down = np.argmax(fallen(motion.torso[i], standing[0][2])) + 1  # when the fall counts
-        plot_fall(axes, robot, motion.torso[i, :down], motion.joints[i, :down], view, edge)
+        down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
+        seven = np.linspace(down - 99, down, 7).astype(int)
+        plot_fall(axes, robot, motion.torso[i, seven], motion.joints[i, seven], view, edge)
         axes.set(title=f"The last second of a fall: {name} {sizes[i]:.2f}")
     sim.close()
     save_figure(figure, out / "01_robot.png")
@@ -881,11 +881,18 @@ class Workers:
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pools = []
-        with starting_processes():
+        # Processes that start now ignore Ctrl-C and import this file, no later stage: a new process
+        # imports `__main__`, which may need a second for PyTorch.
+        main, sys.modules["__main__"] = sys.modules["__main__"], sys.modules[__name__]
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
             for w in range(cores):
                 settings = len(range(w, num_robots, cores)), standing, robot
                 self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
                 self.pools[w].submit(call, "reset", None, [])  # the first call starts the process
+        finally:
+            sys.modules["__main__"] = main
+            signal.signal(signal.SIGINT, handler)
 
     def _ask(self, method, part, robots):
         """Sends each process its share of the robots [n]; their rows in it, and all answers."""
@@ -913,20 +920,6 @@ class Workers:
         """Ends its processes."""
         for pool in self.pools:
             pool.shutdown()
-
-@contextlib.contextmanager
-def starting_processes():
-    """Processes that start meanwhile ignore Ctrl-C and import this file, no later stage: a new
-    process imports `__main__`, which may need a second for PyTorch.
-    """
-    main, handler = sys.modules["__main__"], signal.getsignal(signal.SIGINT)
-    sys.modules["__main__"] = sys.modules[begin.__module__]
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
-        signal.signal(signal.SIGINT, handler)
 
 # ------------------------------------------------------------------------ command line and files
 def whole(text):
