@@ -451,7 +451,8 @@ class MujocoSim:
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
         torso, joints = standing
-        self.mujoco, self.robot = mujoco, robot
+        self.mujoco = mujoco
+        self.robot = robot
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
@@ -487,13 +488,15 @@ class MujocoSim:
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        robot, targets = self.robot, trajectory.joints
+        robot = self.robot
+        targets = trajectory.joints  # [n, T + 1, 12]
         start = state = self.state[robots]
         # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
         # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
-        models, ticks = [self.models[i] for i in robots], rate.shape[1]
+        models = [self.models[i] for i in robots]
+        ticks = rate.shape[1]
         parts = []
         for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
             end = min(t + READ_EVERY, ticks)
@@ -562,7 +565,8 @@ class PymunkSim:
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot=RobotModel()):
-        self.robot, self.links = robot, planar_links(robot)
+        self.robot = robot
+        self.links = planar_links(robot)
         self.standing = standing
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
         # bear the torque r·μ·F.
@@ -619,12 +623,14 @@ class PymunkSim:
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
             x, _, z = link.com
             # First the joint's place. Then the body moves, so that (x, z) is its centre of mass.
-            body.angle, body.position = -pitch, point
+            body.angle = -pitch
+            body.position = point
             body.position = body.local_to_world((x, z))  # pymunk counts from the centre of mass
             space.add(body)
             bodies.append(body)
             if link is robot.foot:
-                ends, low = (-robot.foot_back, robot.foot_front), -robot.ankle_height
+                ends = -robot.foot_back, robot.foot_front
+                low = -robot.ankle_height
                 heights = low, low + robot.sole_height
                 shape = pymunk.Poly(body, [(u - x, w - z) for u in ends for w in heights])
                 shape.friction = 1.0
@@ -634,7 +640,8 @@ class PymunkSim:
                 # The rotor turns with the link below it. Its inertia also stabilises the solver:
                 # without it the light shin makes a standing robot sway, by 2 cm in a second.
                 body.moment += robot.armature
-                parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
+                parent = bodies[self.PARENT[k - 1]]
+                index = SAGITTAL[k - 1] % 6  # of the joint in its leg
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
                 stiction = self.body.stiction[i, SAGITTAL[k - 1]]
@@ -680,13 +687,15 @@ class PymunkSim:
         joints[..., SAGITTAL] = self._angles(seen[:, 1:])
         fell = fallen(torso, self.standing[0][2]).any(1) | self.lost[robots]
         # Seen from a torso with pitch θ and yaw ψ: spin = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-        pitch, yaw_rate = torso[:, -1, 4], self.yaw_rate[robots]
+        pitch = torso[:, -1, 4]
+        yaw_rate = self.yaw_rate[robots]
         spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(spin, -1), fell)
 
     def _run_plane(self, trajectory, robots):
         """Bodies [n, T + 1, 7, 6], before and after every tick."""
-        robot, targets = self.robot, trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
+        robot = self.robot
+        targets = trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         dt = robot.control_dt / robot.substeps  # [s]
@@ -722,8 +731,10 @@ class PymunkSim:
 
     def _run_yaw(self, seen, turn, robots):
         """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and commanded turns [n, T] [rad]."""
-        robot, dt = self.robot, self.robot.control_dt
-        k, c = robot.yaw_stiffness, robot.yaw_damping
+        robot = self.robot
+        dt = robot.control_dt
+        k = robot.yaw_stiffness
+        c = robot.yaw_damping
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
         masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
@@ -732,7 +743,8 @@ class PymunkSim:
         grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
-        rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n] ψ̇, e
+        rate = self.yaw_rate[robots]  # [n] ψ̇
+        lag = self.yaw_lag[robots]  # [n] e
         for t in range(turn.shape[1]):
             bound = bounds[:, t]
             # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
@@ -828,7 +840,8 @@ def main():
     parser = StageParser(__doc__)
     args = parser.parse()
     out = parser.folder(args)
-    robot, count = RobotModel(), 64
+    robot = RobotModel()
+    count = 64
     standing = stance(robot, planar=args.sim == "pymunk")
     sim = make_sim(args.sim, count, standing, robot)
     rng = np.random.default_rng(args.seed)
@@ -844,7 +857,8 @@ def main():
     # What is drawn at random, its sizes, targets, pushes; the camera; the edge to fall over [m].
     cases = [("lean [rad]", leans, joints, none, camera(-90, 10), robot.foot_front)]
     if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
-        speeds, push = rng.uniform(0.5, 2.5, count), none.copy()  # [m/s]
+        speeds = rng.uniform(0.5, 2.5, count)  # [m/s]
+        push = none.copy()
         push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
         edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2
         cases.append(("push to the side [m/s]", speeds, stand, push, camera(0, 10), edge))
@@ -883,7 +897,8 @@ class Workers:
         self.pools = []
         # Processes that start now ignore Ctrl-C and import this file, no later stage: a new process
         # imports `__main__`, which may need a second for PyTorch.
-        main, sys.modules["__main__"] = sys.modules["__main__"], sys.modules[__name__]
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = sys.modules[__name__]
         handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
         try:
             for w in range(cores):
@@ -896,7 +911,8 @@ class Workers:
 
     def _ask(self, method, part, robots):
         """Sends each process its share of the robots [n]; their rows in it, and all answers."""
-        robots, count = np.asarray(robots, int), len(self.pools)
+        robots = np.asarray(robots, int)
+        count = len(self.pools)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         answers = []
         for own, pool in zip(rows, self.pools):

@@ -218,13 +218,15 @@ class WalkEngine:
         p = self.parameters
         time = np.arange(2 * p.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
-        begin, state = 0.0, self.trunk[robots]  # [n, 6, 3]
+        begin = 0.0
+        state = self.trunk[robots]  # [n, 6, 3]
         path = np.empty((len(state), 6, len(time)))
         for end, knot in zip(ends, knots):
             spline = quintic(state, knot, end - begin)  # [n, 6, 6]
             later = time >= begin  # the next spline overwrites what is beyond its knot
             path[..., later] = polynomial(spline, time[later] - begin)
-            begin, state = end, knot
+            begin = end
+            state = knot
         # The double step ends within the last spline; the next double step begins in that state:
         # position, velocity, acceleration.
         state = [polynomial(spline, self.period - ends[1], order) for order in range(3)]
@@ -355,7 +357,8 @@ def main():
     parser = robot_model.StageParser(__doc__)
     args = parser.parse()
     out = parser.folder(args)
-    sim, parameters = args.sim, TUNED[args.sim]
+    sim = args.sim
+    parameters = TUNED[sim]
     engine = WalkEngine(1, parameters, planar=sim == "pymunk")
     print(f"{sim}: a double step takes {engine.period:.2f} s")
     simulator = robot_model.make_sim(sim, 1, engine.stance)

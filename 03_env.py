@@ -365,7 +365,8 @@ class FootstepWorld:
 
     def _disturb(self, trajectory, robots):
         """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
-        ticks, robot = trajectory.push.shape[1], self.engine.robot
+        ticks = trajectory.push.shape[1]
+        robot = self.engine.robot
         # force = mass·Δv / duration [N]
         force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
         for row, i in enumerate(robots):
@@ -496,9 +497,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
-    def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
-        self.observation_space, self.action_space = spaces(imu)
-        self.world = FootstepWorld(1, sim, noise, imu=imu, cores=1, **settings)
+    def __init__(self, sim="pymunk", **settings):  # those of FootstepWorld
+        self.world = FootstepWorld(1, sim, cores=1, **settings)
+        self.observation_space, self.action_space = spaces(self.world.imu)
         self.close = self.world.close
 
     def reset(self, *, seed=None, options=None):
@@ -537,7 +538,8 @@ def plot_rewards(paid, path, title):
 def main():
     parser = robot_model.StageParser(__doc__)
     args = parser.parse()
-    out, limits = parser.folder(args), LIMITS[args.sim]
+    out = parser.folder(args)
+    limits = LIMITS[args.sim]
     print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
     for name, unit, low, high in observation_table():
         print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
