@@ -641,11 +641,12 @@ class PymunkSim:
                 # without it the light shin makes a standing robot sway, by 2 cm in a second.
                 body.moment += robot.armature
                 parent = bodies[self.PARENT[k - 1]]
-                index = SAGITTAL[k - 1] % 6  # of the joint in its leg
+                joint = SAGITTAL[k - 1]
+                index = joint % 6  # in its leg
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
-                stiction = self.body.stiction[i, SAGITTAL[k - 1]]
-                motor.max_force = max(0, robot.torque_limit[index] - stiction)
+                left = robot.torque_limit[index] - self.body.stiction[i, joint]
+                motor.max_force = max(0, left)
                 space.add(motor, pymunk.PivotJoint(parent, body, point), pymunk.RotaryLimitJoint(
                     parent, body, -robot.joint_max[index], -robot.joint_min[index]))
                 motors.append(motor)

@@ -127,6 +127,8 @@ class WalkEngine:
         self.period = 2 * self.half  # [s] a double step
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
                                          planar, p.trunk_x_offset)  # torso, joints
+        # Where each foot usually is, seen from the other one: left, right  [2, 3]
+        self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
         # Trunk [N, 6, 3]: x, y, z, roll, pitch, yaw; of each of them position, velocity,
         # acceleration. (Its height is constant.)
@@ -136,14 +138,13 @@ class WalkEngine:
     def reset(self, robots):
         """These robots [n] stand still."""
         p = self.parameters
-        self.feet[robots] = [[0, p.foot_distance / 2, 0], [0, -p.foot_distance / 2, 0]]
+        self.feet[robots] = self.beside / 2
         self.trunk[robots] = 0
         self.trunk[robots, :, 0] = p.trunk_x_offset, 0, p.trunk_height, 0, p.trunk_pitch, 0
 
     def landings(self, right, footsteps):
         """Where the left and then the right foot land [n, 3]; right [n, 3], footsteps [n, 2, 3]."""
-        beside = np.array([[0, 1, 0], [0, -1, 0]]) * self.parameters.foot_distance
-        steps = footsteps * MIRROR + beside  # [n, 2, 3] each foot seen from the other one
+        steps = footsteps * MIRROR + self.beside  # [n, 2, 3] each foot seen from the other one
         left = compose(right, steps[:, LEFT])
         return left, compose(left, steps[:, RIGHT])
 
