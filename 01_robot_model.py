@@ -56,9 +56,9 @@ soles touch anything.
     Competitions.
 """
 
-import contextlib
 import copy
 import importlib.util
+import itertools
 import math
 import multiprocessing
 import os
@@ -451,60 +451,55 @@ class MujocoSim:
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
         torso, joints = standing
-        self.mujoco, self.robot = mujoco, robot
+        self.mujoco = mujoco
+        self.robot = robot
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)
+        self.pool = mujoco.rollout.Rollout(nthread=cores)
         self.standing_height = torso[2]
-        self.start = np.zeros(1 + self.model.nq + self.model.nv)  # [38] standing at the origin
-        self.start[self.PLACE] = torso[:3]
-        # A turn by the pitch about y, see `euler`.
-        self.start[self.TURN] = math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0
-        self.start[self.ANGLES] = joints
+        # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
+        turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
+        self.start = np.concatenate([[0], torso[:3], turn, joints, np.zeros(self.model.nv)])
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
         self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
         kinds = mujoco.mjtState
-        self.inputs = int(kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED)
+        self.inputs = kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
         self.state[robots] = self.start
         self.control[robots] = self.start[self.ANGLES]
-        if body is not None:
-            self.delay[robots] = body.delay
-            for row, i in enumerate(robots):
-                self.models[i] = self._changed(body, row)
-
-    def _changed(self, body, row):
-        """The model with this row of a Body."""
-        model = copy.copy(self.model)
-        mass = np.append(1.0, body.mass[row])  # in the order of MuJoCo's bodies; first the world
-        model.body_mass[:] *= mass
-        model.body_inertia[:] *= mass[:, None]
-        model.pair_friction[:, :2] = body.friction[row]
-        # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
-        model.actuator_gainprm[:, 0] *= body.stiffness[row]
-        model.actuator_biasprm[:, 1] *= body.stiffness[row]
-        model.dof_frictionloss[6:] = body.stiction[row]
-        self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
-        return model
+        if body is None:
+            return
+        self.delay[robots] = body.delay
+        for row, i in enumerate(robots):
+            self.models[i] = model = copy.copy(self.model)
+            mass = np.append(1.0, body.mass[row])  # as MuJoCo's bodies, the world is the first
+            model.body_mass[:] *= mass
+            model.body_inertia[:] *= mass[:, None]
+            model.pair_friction[:, :2] = body.friction[row]
+            # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
+            model.actuator_gainprm[:, 0] *= body.stiffness[row]
+            model.actuator_biasprm[:, 1] *= body.stiffness[row]
+            model.dof_frictionloss[6:] = body.stiction[row]
+            self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        robot, targets = self.robot, trajectory.joints
+        robot = self.robot
+        targets = trajectory.joints  # [n, T + 1, 12]
         start = state = self.state[robots]
         # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
         # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
-        models, ticks = [self.models[i] for i in robots], rate.shape[1]
-        # From one reading of the gyro to the next nothing interferes: one rollout.
-        every = READ_EVERY if trajectory.support.any() else ticks
+        models = [self.models[i] for i in robots]
+        ticks = rate.shape[1]
         parts = []
-        for t in range(0, ticks, every):
-            end = min(t + every, ticks)
+        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
+            end = min(t + READ_EVERY, ticks)
             turning = state[:, self.SPIN][:, :2]
             now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
@@ -542,8 +537,7 @@ def planar_links(robot):
     # Parallel axes: I = Σ (Iᵢ + mᵢ·zᵢ²)
     pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
     torso = Link(mass, (0, 0, centre), (0, pitch, 0))
-    leg = (robot.thigh, robot.shin, robot.foot)
-    return torso, *leg, *leg
+    return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
@@ -571,14 +565,15 @@ class PymunkSim:
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot=RobotModel()):
-        self.robot, self.links = robot, planar_links(robot)
+        self.robot = robot
+        self.links = planar_links(robot)
         self.standing = standing
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
         # bear the torque r·μ·F.
         middles = (np.arange(50) + 0.5) / 50 - 0.5
-        x = (robot.foot_front + robot.foot_back) * middles
-        y = robot.foot_width * middles
-        self.sole_radius = np.hypot(x[:, None], y).mean()  # r [m]
+        length = robot.foot_front + robot.foot_back
+        # all pairs of x and y  [50, 50] -> r [m]
+        self.sole_radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
         self.spaces = [None] * num_robots
         self.motors = [None] * num_robots
         self.buffer = pymunk.batch.Buffer()
@@ -588,20 +583,17 @@ class PymunkSim:
         self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
-        self.masses = np.tile([link.mass for link in self.links], (num_robots, 1))  # [N, 7] [kg]
-        self.friction = np.full(num_robots, robot.friction)
-        self.gain = np.full((num_robots, 6), robot.planar_gain)  # [1/s]
-        self.stiction = np.zeros((num_robots, 6))  # [N m]
-        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        self.body = Body(  # of all N robots: as the model
+            friction=np.full(num_robots, robot.friction), mass=np.ones((num_robots, 9)),
+            stiffness=np.ones((num_robots, 12)), stiction=np.zeros((num_robots, 12)),
+            delay=np.zeros(num_robots, int))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
         if body is not None:
-            self.masses[robots] = body.mass[:, self.MASS] * [link.mass for link in self.links]
-            self.friction[robots], self.delay[robots] = body.friction, body.delay
-            self.gain[robots] = self.robot.planar_gain * body.stiffness[:, SAGITTAL]
-            self.stiction[robots] = body.stiction[:, SAGITTAL]
+            for name, values in vars(body).items():
+                getattr(self.body, name)[robots] = values
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
             self.spaces[i], self.motors[i] = self._build(i)
         self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
@@ -619,51 +611,54 @@ class PymunkSim:
         space.iterations = robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         ground = pymunk.Segment(pymunk.Body(0, 0, pymunk.Body.KINEMATIC), (-1e4, -1), (1e4, -1), 1)
-        ground.friction = self.friction[i]  # pymunk MULTIPLIES both shapes' values; the other is 1
+        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         space.add(ground.body, ground)  # it never moves, and takes 66 kB less than a static body
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
-        points = [tuple(torso[[0, 2]]), *map(tuple, legs)]  # [7, 2] upper joint of each body
-        pitches = torso[4] + np.array([0, *joints[2:5].cumsum(), *joints[8:11].cumsum()])
+        points = np.vstack([torso[[0, 2]], legs]).tolist()  # [7, 2] upper joint of each body
+        pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
         bodies, motors = [], []
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
-            # The rotor turns with the link below it. Its inertia also stabilises the solver:
-            # without it the light shin makes a standing robot sway, by 2 cm in the first second.
-            mass = self.masses[i, k]
-            rotor = robot.armature if k else 0.0
-            body = pymunk.Body(mass, link.inertia[1] * mass / link.mass + rotor)
+            mass = link.mass * self.body.mass[i, self.MASS[k]]
+            body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
             x, _, z = link.com
             # First the joint's place. Then the body moves, so that (x, z) is its centre of mass.
-            body.angle, body.position = -pitch, point
+            body.angle = -pitch
+            body.position = point
             body.position = body.local_to_world((x, z))  # pymunk counts from the centre of mass
             space.add(body)
             bodies.append(body)
             if link is robot.foot:
-                back, front, low = -robot.foot_back, robot.foot_front, -robot.ankle_height
-                high = low + robot.sole_height
-                corners = [(back, low), (front, low), (front, high), (back, high)]
-                shape = pymunk.Poly(body, [(u - x, w - z) for u, w in corners])
+                ends = -robot.foot_back, robot.foot_front
+                low = -robot.ankle_height
+                heights = low, low + robot.sole_height
+                shape = pymunk.Poly(body, [(u - x, w - z) for u in ends for w in heights])
                 shape.friction = 1.0
                 shape.filter = pymunk.ShapeFilter(group=1)  # the feet do not touch one another
                 space.add(shape)
             if k:
-                parent, index = bodies[self.PARENT[k - 1]], SAGITTAL[k - 1] % 6
+                # The rotor turns with the link below it. Its inertia also stabilises the solver:
+                # without it the light shin makes a standing robot sway, by 2 cm in a second.
+                body.moment += robot.armature
+                parent = bodies[self.PARENT[k - 1]]
+                joint = SAGITTAL[k - 1]
+                index = joint % 6  # in its leg
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
-                motor.max_force = max(0, robot.torque_limit[index] - self.stiction[i, k - 1])
-                limits = -robot.joint_max[index], -robot.joint_min[index]
-                space.add(motor, pymunk.PivotJoint(parent, body, point),
-                          pymunk.RotaryLimitJoint(parent, body, *limits))
+                left = robot.torque_limit[index] - self.body.stiction[i, joint]
+                motor.max_force = max(0, left)
+                space.add(motor, pymunk.PivotJoint(parent, body, point), pymunk.RotaryLimitJoint(
+                    parent, body, -robot.joint_max[index], -robot.joint_min[index]))
                 motors.append(motor)
         return space, motors
 
     def _read(self, robots):
         """States [n, 7, 6] of the bodies of these robots; all spaces in one buffer, for speed."""
-        batch, fields = pymunk.batch, pymunk.batch.BodyFields
+        fields = pymunk.batch.BodyFields
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
         for i in robots:
-            batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
+            pymunk.batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
         states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)
         return states[:, 1:].copy()  # the first body is the ground
 
@@ -693,14 +688,17 @@ class PymunkSim:
         joints[..., SAGITTAL] = self._angles(seen[:, 1:])
         fell = fallen(torso, self.standing[0][2]).any(1) | self.lost[robots]
         # Seen from a torso with pitch θ and yaw ψ: spin = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-        pitch, yaw_rate = torso[:, -1, 4], self.yaw_rate[robots]
+        pitch = torso[:, -1, 4]
+        yaw_rate = self.yaw_rate[robots]
         spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(spin, -1), fell)
 
     def _run_plane(self, trajectory, robots):
         """Bodies [n, T + 1, 7, 6], before and after every tick."""
-        robot, targets = self.robot, trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
+        robot = self.robot
+        targets = trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
+        gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         dt = robot.control_dt / robot.substeps  # [s]
         rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
         wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
@@ -712,12 +710,12 @@ class PymunkSim:
                 end = min(t + READ_EVERY, ticks)
                 turning = [0, -1] * seen[:, t, 0, [self.SPIN]]  # [n, 2] the plane has no roll
                 wanted[:, t:end, 0] += reflex(robot, trajectory, t, end, turning)[..., SAGITTAL]
-            now = np.where(self.delay[robots, None, None], self.last[robots], wanted[:, t])
+            now = np.where(self.body.delay[robots, None, None], self.last[robots], wanted[:, t])
             self.last[robots] = wanted[:, t]
             # A motor that only followed the error would lag behind a moving target: add the
             # target's rate. So a joint arrives at the end of the tick where the target is then.
             error = now[:, 0] - self._angles(seen[:, t])
-            speeds = np.clip(now[:, 1] + self.gain[robots] * error, -limit, limit)
+            speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
             pushes = trajectory.push[:, t, 0].tolist()
             for i, row, push in zip(robots.tolist(), speeds.tolist(), pushes):
                 for motor, speed in zip(self.motors[i], row):
@@ -734,16 +732,20 @@ class PymunkSim:
 
     def _run_yaw(self, seen, turn, robots):
         """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and commanded turns [n, T] [rad]."""
-        robot, dt = self.robot, self.robot.control_dt
-        k, c = robot.yaw_stiffness, robot.yaw_damping
+        robot = self.robot
+        dt = robot.control_dt
+        k = robot.yaw_stiffness
+        c = robot.yaw_damping
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
-        ahead, up = np.moveaxis((change * self.masses[robots, None, :, None]).sum(2), -1, 0)
+        masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
+        ahead, up = np.moveaxis((change * masses[:, None, :, None]).sum(2), -1, 0)
         # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
-        grip = (self.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
+        grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
         yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
-        rate, lag = self.yaw_rate[robots], self.yaw_lag[robots]  # [n] ψ̇, e
+        rate = self.yaw_rate[robots]  # [n] ψ̇
+        lag = self.yaw_lag[robots]  # [n] e
         for t in range(turn.shape[1]):
             bound = bounds[:, t]
             # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
@@ -769,11 +771,10 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 # ------------------------------------------------------------------------ demonstration
-# Trunk and head in the torso's frame: ends of two lines [2, 2, 3] [m]; the head is only drawn. Then
-# radius [m] and colour of all lines: these two; thigh, shin, foot of the left and the right leg.
-TORSO_LINES = np.array([[(0, 0, 0.05), (0, 0, 0.24)], [(0.01, 0, 0.36), (0.01, 0, 0.36)]])
-RADII = (0.085, 0.055, *(0.036, 0.029, 0.016) * 2)
-LINE_COLORS = ("0.8", "0.88", *COLORS[:1] * 3, *COLORS[1:] * 3)
+# Trunk and head: heights of both ends of a line in the torso's frame [m]; the head is only drawn.
+# Then colour and radius [m] of all lines: these two; thigh, shin, foot of the left, the right leg.
+UPPER_ENDS = np.array([[0.05, 0.24], [0.36, 0.36]])
+LINES = (("0.8", 0.085), ("0.88", 0.055), *itertools.product(COLORS, (0.036, 0.029, 0.016)))
 
 def camera(azimuth=-60, elevation=20):
     """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
@@ -781,26 +782,30 @@ def camera(azimuth=-60, elevation=20):
     """
     return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
 
+def capsule(start, end, radius):
+    """Outline [24, 2] of a thick line from start [2] to end [2], with round ends."""
+    across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
+    half = radius * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
+    return np.concatenate([start + half, end - half])
+
 def draw_robots(axes, robot, torso, joints, view):
     """Robots as measured, or one at K moments, the last one strongest: torso [K, 6], joints
     [K, 12]; view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
     points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
-    turn = rotation(*torso[:, 3:].T).swapaxes(1, 2)  # [K, 3, 3]
-    upper = torso[:, None, None, :3] + TORSO_LINES @ turn[:, None]  # [K, 2, 2, 3]
+    up = rotation(*torso[:, 3:].T)[:, None, None, :, 2]  # [K, 1, 1, 3] along the torso
+    upper = torso[:, None, None, :3] + UPPER_ENDS[..., None] * up  # [K, 2, 2, 3]
     # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
     legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
     seen = np.concatenate([upper, legs], 1) @ view.T  # [K, 8, 2, 3]
     count = len(torso)
     for k, j in sorted(np.ndindex(count, 8), key=lambda line: seen[line][:, 0].max()):
         start, end = seen[k, j, :, 1:]
-        color = 1 - (1 - np.array(to_rgb(LINE_COLORS[j]))) * (k + 1) / count
-        across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
-        half = RADII[j] * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
-        axes.fill(*np.concatenate([start + half, end - half]).T, color=color, ec=color / 2, lw=0.6)
+        color, radius = LINES[j]
+        color = 1 - (1 - np.array(to_rgb(color))) * (k + 1) / count
+        axes.fill(*capsule(start, end, radius).T, color=color, ec=color / 2, lw=0.6)
         # On it a thinner, lighter line: light comes from above.
-        half, shift = half / 2, RADII[j] * np.array([-0.2, 0.2])
-        light = np.concatenate([start + half, end - half]) + shift
+        light = capsule(start, end, radius / 2) + radius * np.array([-0.2, 0.2])
         axes.fill(*light.T, color=0.6 * color + 0.4)
 
 def draw_ground(axes, view, size=2):
@@ -818,16 +823,13 @@ def centre_of_mass(robot, torso, joints):
     # Thigh and shin have their centres in the middle.
     places = [torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com, hip,
               (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ robot.foot.com]
-    links = robot.torso, robot.hip, robot.thigh, robot.shin, robot.foot
-    moment = sum(link.mass * place.sum(1) for link, place in zip(links, places))
-    return moment / sum(link.mass * place.shape[1] for link, place in zip(links, places))
+    legs = np.repeat([robot.hip.mass, robot.thigh.mass, robot.shin.mass, robot.foot.mass], 2)
+    return np.average(np.concatenate(places, 1), 1, np.append(robot.torso.mass, legs))
 
 def plot_fall(axes, robot, torso, joints, view, edge):
-    """The last second of a fall, at seven moments; torso [T, 6], joints [T, 12] until then; edge
-    of the sole [m] to the right in the picture.
+    """A fall at K moments, torso [K, 6], joints [K, 12]; edge of the sole [m] to the right in the
+    picture.
     """
-    ticks = np.linspace(len(torso) - 100, len(torso) - 1, 7).astype(int)
-    torso, joints = torso[ticks], joints[ticks]
     draw_ground(axes, view, 0.5)
     draw_robots(axes, robot, torso, joints, view)
     _, right, up = view @ centre_of_mass(robot, torso, joints).T
@@ -839,7 +841,8 @@ def main():
     parser = StageParser(__doc__)
     args = parser.parse()
     out = parser.folder(args)
-    robot, count = RobotModel(), 64
+    robot = RobotModel()
+    count = 64
     standing = stance(robot, planar=args.sim == "pymunk")
     sim = make_sim(args.sim, count, standing, robot)
     rng = np.random.default_rng(args.seed)
@@ -847,15 +850,16 @@ def main():
     seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
     stand = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
     joints = stand.copy()
-    # The feet stand, so a negative ankle pitch tilts all the rest forward.
-    for ankle_pitch in (4, 10):  # left, right; stand for a second, then lean for eight
-        joints[..., ankle_pitch] -= leans[:, None] * np.clip((seconds - 1) / 8, 0, 1)
+    # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
+    # right, tilts all the rest forward.
+    joints[..., [4, 10]] -= (leans[:, None] * np.clip((seconds - 1) / 8, 0, 1))[..., None]
     trunk = np.zeros((count, len(seconds), 6))
     none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
     # What is drawn at random, its sizes, targets, pushes; the camera; the edge to fall over [m].
     cases = [("lean [rad]", leans, joints, none, camera(-90, 10), robot.foot_front)]
     if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
-        speeds, push = rng.uniform(0.5, 2.5, count), none.copy()  # [m/s]
+        speeds = rng.uniform(0.5, 2.5, count)  # [m/s]
+        push = none.copy()
         push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
         edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2
         cases.append(("push to the side [m/s]", speeds, stand, push, camera(0, 10), edge))
@@ -865,8 +869,9 @@ def main():
         motion = sim.run(Trajectory(joints, trunk, none, none, push), np.arange(count))
         i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
         print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {sizes[i]:.2f}")
-        down = np.argmax(fallen(motion.torso[i], standing[0][2])) + 1  # when the fall counts
-        plot_fall(axes, robot, motion.torso[i, :down], motion.joints[i, :down], view, edge)
+        down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
+        seven = np.linspace(down - 99, down, 7).astype(int)
+        plot_fall(axes, robot, motion.torso[i, seven], motion.joints[i, seven], view, edge)
         axes.set(title=f"The last second of a fall: {name} {sizes[i]:.2f}")
     sim.close()
     save_figure(figure, out / "01_robot.png")
@@ -891,15 +896,24 @@ class Workers:
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pools = []
-        with starting_processes():
+        # Processes that start now ignore Ctrl-C and import this file, no later stage: a new process
+        # imports `__main__`, which may need a second for PyTorch.
+        main = sys.modules["__main__"]
+        sys.modules["__main__"] = sys.modules[__name__]
+        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+        try:
             for w in range(cores):
                 settings = len(range(w, num_robots, cores)), standing, robot
                 self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
                 self.pools[w].submit(call, "reset", None, [])  # the first call starts the process
+        finally:
+            sys.modules["__main__"] = main
+            signal.signal(signal.SIGINT, handler)
 
     def _ask(self, method, part, robots):
         """Sends each process its share of the robots [n]; their rows in it, and all answers."""
-        robots, count = np.asarray(robots, int), len(self.pools)
+        robots = np.asarray(robots, int)
+        count = len(self.pools)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         answers = []
         for own, pool in zip(rows, self.pools):
@@ -923,20 +937,6 @@ class Workers:
         """Ends its processes."""
         for pool in self.pools:
             pool.shutdown()
-
-@contextlib.contextmanager
-def starting_processes():
-    """Processes that start meanwhile ignore Ctrl-C and import this file, no later stage: a new
-    process imports `__main__`, which may need a second for PyTorch.
-    """
-    main, handler = sys.modules["__main__"], signal.getsignal(signal.SIGINT)
-    sys.modules["__main__"] = sys.modules[begin.__module__]
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = main
-        signal.signal(signal.SIGINT, handler)
 
 # ------------------------------------------------------------------------ command line and files
 def whole(text):

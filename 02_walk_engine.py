@@ -120,33 +120,31 @@ class WalkEngine:
     (The simulators' origin is the torso's place then, trunk_x_offset farther ahead.)
     """
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
-        p = parameters
-        self.parameters = parameters
+        p = self.parameters = parameters
         self.robot = robot
         self.planar = planar
         self.half = p.half_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.half  # [s] a double step
         self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
                                          planar, p.trunk_x_offset)  # torso, joints
+        # Where each foot usually is, seen from the other one: left, right  [2, 3]
+        self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # Trunk [N, 5, 3]: x, y, yaw, pitch, roll; of each of them position, velocity, acceleration.
-        # (Its height is constant.)
-        self.trunk = np.zeros((num_robots, 5, 3))
+        # Trunk [N, 6, 3]: x, y, z, roll, pitch, yaw; of each of them position, velocity,
+        # acceleration. (Its height is constant.)
+        self.trunk = np.zeros((num_robots, 6, 3))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
         """These robots [n] stand still."""
         p = self.parameters
-        self.feet[robots] = 0
-        self.feet[robots, LEFT, 1] = p.foot_distance / 2
-        self.feet[robots, RIGHT, 1] = -p.foot_distance / 2
+        self.feet[robots] = self.beside / 2
         self.trunk[robots] = 0
-        self.trunk[robots, :, 0] = p.trunk_x_offset, 0, 0, p.trunk_pitch, 0
+        self.trunk[robots, :, 0] = p.trunk_x_offset, 0, p.trunk_height, 0, p.trunk_pitch, 0
 
     def landings(self, right, footsteps):
         """Where the left and then the right foot land [n, 3]; right [n, 3], footsteps [n, 2, 3]."""
-        beside = np.array([[0, 1, 0], [0, -1, 0]]) * self.parameters.foot_distance
-        steps = footsteps * MIRROR + beside  # [n, 2, 3] each foot seen from the other one
+        steps = footsteps * MIRROR + self.beside  # [n, 2, 3] each foot seen from the other one
         left = compose(right, steps[:, LEFT])
         return left, compose(left, steps[:, RIGHT])
 
@@ -165,8 +163,7 @@ class WalkEngine:
         A knot is the state (position, velocity, acceleration) that the trunk shall have in the
         middle of a single step; knot 3 lies in the next double step. Quintics join the knots.
         """
-        left = self.feet[robots, LEFT]
-        right = self.feet[robots, RIGHT]
+        left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
         new_left, new_right = self.landings(right, footsteps)
         # The next left step is not known yet: we expect the same one again.
         next_left, _ = self.landings(new_right, footsteps)
@@ -176,17 +173,21 @@ class WalkEngine:
             self._knot(new_right, new_left, next_left),
         ]
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
-        feet = self._feet_path(left, right, new_left, new_right)
+        half = self.parameters.half_ticks  # the tick when the support foot changes
+        feet = np.zeros((len(left), 2 * half + 1, 2, 4))
+        feet[:, : half + 1, LEFT] = self._swing(left, new_left)
+        feet[:, half:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z is 0 (a view)
+        feet[:, :half, RIGHT][..., [0, 1, 3]] = right[:, None]
+        feet[:, half:, RIGHT] = self._swing(right, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         joints = robot_model.body_inverse(self.robot, trunk, feet, self.planar)
-        half = self.parameters.half_ticks
         support = np.zeros((len(left), 2 * half, 2))  # the gain of each foot while it stands
         support[:, :half, RIGHT] = support[:, half:, LEFT] = self.parameters.reflex
         zero = np.zeros_like(support)  # an exact gyro, no push
         return robot_model.Trajectory(joints, trunk, support, zero, zero.copy()), feet
 
     def _knot(self, support, start, landing):
-        """State of the trunk (x, y, yaw, pitch, roll) in the middle of a single step, [n, 5, 3].
+        """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].
 
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
         it lands. The trunk is half way between the middle of the feet before the step and the
@@ -203,45 +204,35 @@ class WalkEngine:
         side = robot_model.relative(centre, support)[:, 1]  # [n] [m] left: positive
         aside = p.trunk_swing * side
         offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
-        knot = np.zeros((len(centre), 5, 3))
-        knot[:, :3, 0] = compose(centre, offset)
-        knot[:, :3, 1] = (after - before) / self.half
+        knot = np.zeros((len(centre), 6, 3))
+        knot[:, [0, 1, 5], 0] = compose(centre, offset)
+        knot[:, [0, 1, 5], 1] = (after - before) / self.half
+        knot[:, 2, 0] = p.trunk_height
         ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]  # [n] [m]
         turn = np.abs(after - before)[:, 2]
-        knot[:, 3, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
-        knot[:, 4, 0] = -p.trunk_roll * np.sign(side)  # a positive roll leans to the right
+        knot[:, 3, 0] = -p.trunk_roll * np.sign(side)  # a positive roll leans to the right
+        knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
         return knot
 
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
-        time = np.arange(2 * self.parameters.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
+        time = np.arange(2 * p.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
-        begins = np.array([0.0, ends[0], ends[1]])
-        states = [self.trunk[robots], *knots]  # [n, 5, 3] each
-        path = np.empty((len(knots[0]), 5, len(time)))
-        for k in range(3):
-            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])  # [n, 5, 6]
-            inside = (time > begins[k] - 1e-9) & (time <= ends[k] + 1e-9)
-            path[..., inside] = polynomial(spline, time[inside] - begins[k])
+        begin = 0.0
+        state = self.trunk[robots]  # [n, 6, 3]
+        path = np.empty((len(state), 6, len(time)))
+        for end, knot in zip(ends, knots):
+            spline = quintic(state, knot, end - begin)  # [n, 6, 6]
+            later = time >= begin  # the next spline overwrites what is beyond its knot
+            path[..., later] = polynomial(spline, time[later] - begin)
+            begin = end
+            state = knot
         # The double step ends within the last spline; the next double step begins in that state:
         # position, velocity, acceleration.
-        rest = self.period - begins[2]  # `spline` is the third one now
-        state = [polynomial(spline, rest, order) for order in range(3)]
+        state = [polynomial(spline, self.period - ends[1], order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
-        x, y, yaw, pitch, roll = np.moveaxis(path, 1, 0)  # [n, T + 1] each
-        z = np.full_like(x, p.trunk_height)
-        return np.stack([x, y, z, roll, pitch, yaw], -1)
-
-    def _feet_path(self, left, right, new_left, new_right):
-        """x, y, z, yaw of both soles, [n, T + 1, 2, 4]: each stands while the other one swings."""
-        change = self.parameters.half_ticks  # the tick when the support foot changes
-        feet = np.zeros((len(left), 2 * change + 1, 2, 4))
-        feet[:, : change + 1, LEFT] = self._swing(left, new_left)
-        feet[:, change:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z is 0 (a view)
-        feet[:, :change, RIGHT][..., [0, 1, 3]] = right[:, None]
-        feet[:, change:, RIGHT] = self._swing(right, new_right)
-        return feet
+        return path.swapaxes(1, 2)
 
     def _swing(self, start, landing):
         """Swing foot [n, half_ticks + 1, 4] (x, y, z, yaw): waits, rises, lands."""
@@ -272,12 +263,10 @@ def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     engine = WalkEngine(n, parameters, planar=sim == "pymunk")
     simulator = robot_model.make_sim(sim, n, engine.stance)
     simulator.reset(np.arange(n), body)
-    poses = np.zeros((n, count + 1, 3))
-    wanted = np.zeros((n, count + 1, 3))
+    poses, wanted = np.zeros((2, n, count + 1, 3))
     fall = np.full(n, count)
     for k in range(count):
         poses[:, k + 1] = poses[:, k]
-        wanted[:, k + 1] = wanted[:, k]
         up = np.flatnonzero(fall == count)
         if len(up):
             trajectory, _ = engine.plan(footsteps[up, k], up)
@@ -285,10 +274,10 @@ def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
                 disturb(trajectory, up)
             motion = simulator.run(trajectory, up)
             poses[up, k + 1] = motion.torso[:, -1, [0, 1, 5]]
-            wanted[up, k + 1] = engine.feet[up].mean(1)
             fall[up[motion.fell]] = k
             if watch:
                 watch(engine, motion)
+        wanted[:, k + 1] = engine.feet.mean(1)
     simulator.close()
     poses[..., 2] = np.unwrap(poses[..., 2], axis=1)
     return poses, wanted, fall
@@ -320,19 +309,19 @@ def pushed(sim, parameters, speed):
 
 def plot_push(robot, torso, joints, path, title):
     """Tilt over time, and both robots at five moments; torso [2, T, 6], joints [2, T, 12]."""
-    figure, axes = plt.subplots(1, 3, figsize=(14, 4))
+    figure, (chart, *panels) = plt.subplots(1, 3, figsize=(14, 4))
     tilt = np.degrees(np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4])))  # as in `fallen`
     ticks = np.linspace(40, torso.shape[1] - 1, 5).astype(int)
     view = robot_model.camera(-70, 10)
     names = "with the reflex", "without the reflex"
-    for panel, name, color, angle, pose, angles in zip(
-            axes[1:], names, ("tab:green", "tab:red"), tilt, torso[:, ticks], joints[:, ticks]):
-        axes[0].plot(np.arange(len(angle)) * robot.control_dt, angle, color=color, label=name)
+    chart.set_prop_cycle(color=["tab:green", "tab:red"])
+    chart.plot(np.arange(torso.shape[1]) * robot.control_dt, tilt.T, label=names)
+    chart.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
+    chart.legend()
+    for panel, name, pose, angles in zip(panels, names, torso[:, ticks], joints[:, ticks]):
         robot_model.draw_ground(panel, view, 1)
         robot_model.draw_robots(panel, robot, pose, angles, view)
         panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
-    axes[0].set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
-    axes[0].legend()
     robot_model.save_figure(figure, path)
 
 def plot_plan(engine, trajectory, feet, torso, path):
@@ -341,7 +330,7 @@ def plot_plan(engine, trajectory, feet, torso, path):
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6))
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
-        for foot, name in ((LEFT, "left foot"), (RIGHT, "right foot")):
+        for foot, name in enumerate(("left foot", "right foot")):
             axis.plot(time, feet[0, :, foot, k], color=robot_model.COLORS[foot], label=name)
         if k < 2:
             axis.plot(time, trajectory.trunk[0, :, k], "k", label="trunk, planned")
@@ -355,11 +344,11 @@ def plot_plan(engine, trajectory, feet, torso, path):
 def plot_walks(poses, wanted, path, title):
     """The way of every walk from above: poses and wanted poses [4, K + 1, 3]."""
     figure, axis = plt.subplots(figsize=(9, 4))
-    for k, (name, walked, asked) in enumerate(zip(WALKS, poses, wanted)):
+    for k, (name, walked) in enumerate(zip(WALKS, poses)):
         x, y, yaw = walked.T  # an arrow points where the robot faces
         axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", label=name, width=0.004,
                     pivot="mid")
-        axis.plot(*asked[:, :2].T, "k+", label="commanded" if k == 3 else None)
+    axis.plot(*wanted[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
     axis.margins(0.06)
     axis.legend()
@@ -369,25 +358,26 @@ def main():
     parser = robot_model.StageParser(__doc__)
     args = parser.parse()
     out = parser.folder(args)
-    engine = WalkEngine(1, TUNED[args.sim], planar=args.sim == "pymunk")
-    print(f"{args.sim}: a double step takes {engine.period:.2f} s")
-    simulator = robot_model.make_sim(args.sim, 1, engine.stance)
+    sim = args.sim
+    parameters = TUNED[sim]
+    engine = WalkEngine(1, parameters, planar=sim == "pymunk")
+    print(f"{sim}: a double step takes {engine.period:.2f} s")
+    simulator = robot_model.make_sim(sim, 1, engine.stance)
     for _ in range(2):  # the second one is drawn; the first one starts from standing
         trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
         motion = simulator.run(trajectory, [0])
     simulator.close()
-    torso = motion.torso + [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
+    torso = motion.torso + [parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
     plot_plan(engine, trajectory, feet, torso, out / "02_plan.png")
 
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
-    poses, wanted, fall = walk(args.sim, TUNED[args.sim], plans)
+    poses, wanted, fall = walk(sim, parameters, plans)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, asked, walked, when in zip(WALKS, wanted, poses, fall):
         a, b = ("{:5.2f} {:5.2f} {:5.2f}".format(*path[-1]) for path in (asked, walked))
         print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
-    plot_walks(poses, wanted, out / "02_walk.png",
-               f"Eight double steps ({args.sim}), seen from above")
-    torso, joints = pushed(args.sim, TUNED[args.sim], 0.6)
+    plot_walks(poses, wanted, out / "02_walk.png", f"Eight double steps ({sim}), seen from above")
+    torso, joints = pushed(sim, parameters, 0.6)
     plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 

@@ -127,6 +127,10 @@ def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
+def bounds(imu):
+    """The lowest and the highest observation, [2, 20 or 25]."""
+    return np.array([row[2:] for row in observation_table(imu)], np.float32).T
+
 def checked(name, value, *shape):
     """The value as an array [shape] of finite numbers, or a ValueError."""
     array = np.array(value, float)
@@ -217,12 +221,11 @@ def hand_written(measured, limits):
     d, alpha, beta = polar(measured)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
-    x = np.clip(measured[:, 0] / 2, -0.06, 0.06)  # [n] [m] of each foot
-    y = np.clip(measured[:, 1], -0.07, 0.07)
-    turn = np.clip(turn / 2, -0.15, 0.15)
-    left = np.stack([x, np.maximum(y, 0), turn], -1)  # [n, 3]
-    right = np.stack([x, np.maximum(-y, 0), -turn], -1)
-    return to_action(np.stack([left, right], 1), limits)
+    wish = np.stack([measured[:, 0] / 2, measured[:, 1], turn / 2], -1)  # [n, 3] of each foot
+    wish = np.clip(wish, [-0.06, -0.07, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
+    steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
+    steps[..., 1] = np.maximum(steps[..., 1], 0)
+    return to_action(steps, limits)
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
@@ -275,13 +278,14 @@ class FootstepWorld:
     same noise for all planners.
     """
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel(), spread=Spread(), render_mode=None):
+                 robot=robot_model.RobotModel(), spread=Spread(), imu=False, render_mode=None):
         if render_mode is not None:
             raise ValueError(f"render_mode={render_mode!r}: the environment draws no pictures yet")
         self.task = task
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
+        self.imu = imu  # is the tilt a part of what `look` returns?
         self.push = 0.0  # [m/s] Δv of the pushes
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
@@ -320,6 +324,7 @@ class FootstepWorld:
             self.dice[i] = dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
         if goals is None:
             goals = [self._draw_goal(self.dice[i]["goal"]) for i in robots]
+        self.goal[robots] = goals
         body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
         body.friction = np.where(np.isnan(friction), body.friction, friction)
         self.sim.reset(robots, body)
@@ -329,7 +334,6 @@ class FootstepWorld:
             self.dice[i]["gyro"].uniform(-self.spread.gyro, self.spread.gyro, 2) for i in robots]
         self.estimate[robots] = 0
         self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
-        self.goal[robots] = goals
         self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
@@ -338,8 +342,7 @@ class FootstepWorld:
 
     def _draw_goal(self, rng):
         """A goal for training [3]: far with probability ½."""
-        far = rng.random() < 0.5
-        return draw_goals(rng, 1, self.task, far)[0]
+        return draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
 
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
@@ -352,16 +355,18 @@ class FootstepWorld:
 
     def measure(self, robots):
         """The goal [n, 3] as the robot knows it after one more measurement."""
-        task = self.task  # without noise the gain K is 1: only the new measurement counts
+        task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         measured = self._noisy("noise", self.relative_goal(robots), robots, std)
+        # Without noise K is 1: only the new measurement counts. (Not 0 / 0 if it is made twice.)
         self.estimate[robots], self.variance[robots] = correct(
-            self.estimate[robots], self.variance[robots], measured, std)
+            self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12))
         return self.estimate[robots]
 
     def _disturb(self, trajectory, robots):
         """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
-        ticks, robot = trajectory.push.shape[1], self.engine.robot
+        ticks = trajectory.push.shape[1]
+        robot = self.engine.robot
         # force = mass·Δv / duration [N]
         force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
         for row, i in enumerate(robots):
@@ -371,8 +376,8 @@ class FootstepWorld:
             if chance < self.push_chance:
                 first = int(begin * (ticks - PUSH_TICKS + 1))
                 angle = np.pi * (round(way) if self.engine.planar else 2 * way)
-                trajectory.push[row, first : first + PUSH_TICKS] = (
-                    force * np.cos(angle), force * np.sin(angle))
+                trajectory.push[row, first : first + PUSH_TICKS] = robot_model.turned(
+                    np.array([force, 0]), angle)
 
     def observe(self, robots, measured, imu=False):
         """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
@@ -380,9 +385,12 @@ class FootstepWorld:
         if imu:
             std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
             tilt = self._noisy("imu", self.tilt[robots], robots, self.noise * std)
-            low, high = np.array([row[2:] for row in IMU_TABLE]).T
-            parts.append(np.clip(tilt / [0.25, 0.25, 1, 1, 1], low, high))  # units of the table
-        return np.concatenate(parts, -1).astype(np.float32)
+            parts.append(tilt / [0.25, 0.25, 1, 1, 1])  # units of the table
+        return np.clip(np.concatenate(parts, -1), *bounds(imu)).astype(np.float32)
+
+    def look(self, robots):
+        """Observations [n, 20 or 25] after one more measurement."""
+        return self.observe(robots, self.measure(robots), self.imu)
 
     def view(self, robots, measured):
         """What a planner may use for these robots, beside the measured goals [n, 3]."""
@@ -412,13 +420,12 @@ class FootstepWorld:
         motion = self.sim.run(trajectory, robots)
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
         self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
-        self.actions[robots, 1] = last
-        self.actions[robots, 0] = actions
+        self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
-        inside = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
-        inside &= ~motion.fell  # a fall wins
+        there = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
+        inside = there & ~motion.fell  # a fall wins
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
         late = self.steps[robots] + self.age[robots] >= self.most_steps
@@ -440,8 +447,7 @@ def fingerprint(sim, imu=False):
 # ------------------------------------------------------------------------ Gymnasium
 def spaces(imu):
     """Observation and action space of one robot."""
-    low, high = np.array([row[2:] for row in observation_table(imu)], np.float32).T
-    return gym.spaces.Box(low, high), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
+    return gym.spaces.Box(*bounds(imu)), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished episode starts anew in the SAME step.
@@ -455,17 +461,14 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
                  **settings):
         self.num_envs = num_envs
         self.staggered = staggered  # the first episodes get less time, so they end one by one
-        self.imu = imu
         self.single_observation_space, self.single_action_space = spaces(imu)
         self.observation_space = gym.vector.utils.batch_space(
             self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
-        self.world = FootstepWorld(num_envs, sim, noise, **settings)
+        self.world = FootstepWorld(num_envs, sim, noise, imu=imu, **settings)
+        self.close_extras = self.world.close  # called once by `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
-
-    def _observe(self, robots):
-        return self.world.observe(robots, self.world.measure(robots), self.imu)
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
@@ -474,14 +477,14 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
         if self.staggered:
             self.world.age[:] = self.np_random.integers(self.world.most_steps, size=self.num_envs)
-        return self._observe(self.robots), {}
+        return self.world.look(self.robots), {}
 
     def step(self, actions):
         """See `FootstepWorld.step`; infos hold the reward terms, and final_obs, final_info."""
         result = self.world.step(actions, self.robots)
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
-        observations = self._observe(self.robots)
+        observations = self.world.look(self.robots)
         infos = {"reward_terms": result["reward_terms"]}
         ended = terminated | truncated
         if ended.any():
@@ -489,31 +492,23 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
             infos["final_info"] = {key: result[key] for key in ENDS}
             infos["_final_obs"] = infos["_final_info"] = ended
             self.world.reset(self.robots[ended])
-            observations[ended] = self._observe(self.robots[ended])
+            observations[ended] = self.world.look(self.robots[ended])
         return observations, result["reward"], terminated, truncated, infos
-
-    def close_extras(self, **_):  # called once by `close`
-        self.world.close()
 
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
-    def __init__(self, sim="pymunk", noise=False, imu=False, **settings):
-        self.observation_space, self.action_space = spaces(imu)
-        self.imu = imu
-        self.world = FootstepWorld(1, sim, noise, cores=1, **settings)
+    def __init__(self, sim="pymunk", **settings):  # those of FootstepWorld
+        self.world = FootstepWorld(1, sim, cores=1, **settings)
+        self.observation_space, self.action_space = spaces(self.world.imu)
         self.close = self.world.close
-
-    def _observe(self):
-        return self.world.observe([0], self.world.measure([0]), self.imu)[0]
 
     def reset(self, *, seed=None, options=None):
         """A new episode; options["goal"] = (x, y, yaw) sets its goal."""
         super().reset(seed=seed)
-        if seed is not None:  # the generator that robot 0 of the vector environment has
-            self._np_random = stream("training", seed)
+        rngs = () if seed is None else [stream("training", seed)]  # as the vector's robot 0
         goal = (options or {}).get("goal")
-        self.world.reset([0], [self.np_random], None if goal is None else [goal])
-        return self._observe(), {}
+        self.world.reset([0], rngs, None if goal is None else [goal])
+        return self.world.look([0])[0], {}
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
@@ -522,17 +517,17 @@ class FootstepEnv(gym.Env):
         info["reward_terms"] = {name: r.item() for name, r in result["reward_terms"].items()}
         terminated = info["success"] or info["fall"]
         reward = result["reward"].item()
-        return self._observe(), reward, terminated, info["timeout"], info
+        return self.world.look([0])[0], reward, terminated, info["timeout"], info
 
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
 
 # ------------------------------------------------------------------------ demonstration
 def plot_rewards(paid, path, title):
     """Sum over time of every reward term, mean over the robots; paid: [K, N] by name."""
-    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    styles = "-", "--", ":", "-.", "x", "o-", "+"
+    styles = {"distance": "-", "angle": "--", "orient to goal": ":", "continuity": "-.",
+              "fall": "x", "goal": "o-", "time": "+"}
     figure, axis = plt.subplots(figsize=(8, 4))
-    for (name, r), word, style in zip(paid.items(), words, styles):
+    for (name, r), (word, style) in zip(paid.items(), styles.items()):
         steps = range(1, len(r) + 1)
         axis.plot(steps, r.mean(1).cumsum(), style, markevery=5, label=f"{name}: {word}")
     axis.set(title=title, xlabel="double step (several episodes)",
@@ -543,7 +538,8 @@ def plot_rewards(paid, path, title):
 def main():
     parser = robot_model.StageParser(__doc__)
     args = parser.parse()
-    out, limits = parser.folder(args), LIMITS[args.sim]
+    out = parser.folder(args)
+    limits = LIMITS[args.sim]
     print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
     for name, unit, low, high in observation_table():
         print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")

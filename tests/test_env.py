@@ -441,6 +441,7 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
         return world.observe([0], goal, imu=True)[0, 20:] / [4, 4, 1, 1, 1]  # [rad], [rad/s]
 
     close(look(exact), true, atol=1e-6)
+    close([exact.measure([0])[0] for _ in range(2)], [goal[0]] * 2, err_msg="also a second look")
     seen = np.array([look(noisy) for _ in range(count)])
     assert np.all(np.abs(seen) <= math.pi), "wrap the noisy yaw"
     error = robot_model.wrap(seen - true)
@@ -606,7 +607,7 @@ def pushed_step(world):
     world.push = 5.0
     world.step(WILD, THREE)
 
-BODY = {"friction", "masses", "gain", "stiction", "delay"}  # as the planar simulator keeps them
+BODY = set(robot_model.Body.__dataclass_fields__)
 THREE, WILD = np.arange(3), np.random.default_rng(0).random((3, 6))
 
 @pytest.mark.parametrize("change, may_change", [
@@ -629,11 +630,11 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
         for _ in range(2):
             world.reset(THREE, rngs, **given)
             rngs = ()
-            equal(world.friction, world.sim.friction)
+            equal(world.friction, world.sim.body.friction)
             first(world)
             error = robot_model.wrap(world.measure(THREE) - world.relative_goal(THREE))
             tilt = world.observe(THREE, np.ones((3, 3)), imu=True)[:, 20:]
-            body = {name: getattr(world.sim, name).copy() for name in BODY}
+            body = {name: values.copy() for name, values in vars(world.sim.body).items()}
             episodes.append({"goal": world.goal.copy(), "noise of the goal": error, **body,
                              "noise of the IMU": tilt, "of the gyro": world.gyro_offset.copy()})
             at_last(world)

@@ -656,7 +656,11 @@ def test_planar_robots_get_what_they_drew(make_sim):
             assert got.mass == pytest.approx(factor * link.mass), f"body {k}"
             rotor = ROBOT.armature if k else 0.0
             assert got.moment == pytest.approx(factor * link.inertia[1] + rotor), f"body {k}"
-        close(sim.gain[i], ROBOT.planar_gain * body.stiffness[row, robot_model.SAGITTAL])
+    plan = still("pymunk", 3, ROBOT.control_dt)
+    plan.joints += 0.01
+    sim.run(plan, np.arange(3))
+    speed = np.array([[motor.rate for motor in sim.motors[i]] for i in (2, 0)])
+    close(speed, 0.01 * ROBOT.planar_gain * body.stiffness[:, robot_model.SAGITTAL], rtol=1e-6)
     other = sum(body.mass for body in planar_bodies(sim.spaces[1]))
     assert other == pytest.approx(MASS), "robot 1 was not reset"
 
