@@ -456,7 +456,7 @@ class MujocoSim:
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = mujoco.rollout.Rollout(nthread=cores)
+        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)  # 0: no waiting
         self.standing_height = torso[2]
         # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
         turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
@@ -497,9 +497,11 @@ class MujocoSim:
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models = [self.models[i] for i in robots]
         ticks = rate.shape[1]
+        # A rollout for every reading of the gyro; without a reflex a single one.
+        every = READ_EVERY if trajectory.support.any() else ticks
         parts = []
-        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
-            end = min(t + READ_EVERY, ticks)
+        for t in range(0, ticks, every):
+            end = min(t + every, ticks)
             turning = state[:, self.SPIN][:, :2]
             now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
@@ -820,9 +822,10 @@ def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, foot_turn = body_points(robot, torso, joints)
     hip, knee, ankle = np.moveaxis(points[:, :, :3], 2, 0)  # [K, 2, 3] left, right
-    # Thigh and shin have their centres in the middle.
-    places = [torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com, hip,
-              (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ robot.foot.com]
+    # Thigh and shin have their centres in the middle. (Both feet's parts outward cancel.)
+    trunk = torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com
+    x, _, z = robot.foot.com
+    places = [trunk, hip, (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ [x, 0, z]]
     legs = np.repeat([robot.hip.mass, robot.thigh.mass, robot.shin.mass, robot.foot.mass], 2)
     return np.average(np.concatenate(places, 1), 1, np.append(robot.torso.mass, legs))
 

@@ -278,9 +278,7 @@ class FootstepWorld:
     same noise for all planners.
     """
     def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel(), spread=Spread(), imu=False, render_mode=None):
-        if render_mode is not None:
-            raise ValueError(f"render_mode={render_mode!r}: the environment draws no pictures yet")
+                 robot=robot_model.RobotModel(), spread=Spread(), imu=False):
         self.task = task
         self.limits = LIMITS[sim]
         self.spread = spread
@@ -497,7 +495,10 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
 class FootstepEnv(gym.Env):
     """One robot; the same world with N = 1."""
-    def __init__(self, sim="pymunk", **settings):  # those of FootstepWorld
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
+
+    def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepWorld
+        self.render_mode = render_mode
         self.world = FootstepWorld(1, sim, cores=1, **settings)
         self.observation_space, self.action_space = spaces(self.world.imu)
         self.close = self.world.close
@@ -508,31 +509,58 @@ class FootstepEnv(gym.Env):
         rngs = () if seed is None else [stream("training", seed)]  # as the vector's robot 0
         goal = (options or {}).get("goal")
         self.world.reset([0], rngs, None if goal is None else [goal])
+        self.seen = self.world.engine.stance  # the robot as it is drawn: torso [6], joints [12]
         return self.world.look([0])[0], {}
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
         result = self.world.step([action], [0])
+        self.seen = result["motion"].torso[0, -1], result["motion"].joints[0, -1]
         info = {key: result[key].item() for key in ENDS}
         info["reward_terms"] = {name: r.item() for name, r in result["reward_terms"].items()}
         terminated = info["success"] or info["fall"]
         reward = result["reward"].item()
         return self.world.look([0])[0], reward, terminated, info["timeout"], info
 
+    def render(self):
+        """The robot and its goal (a green star), uint8 [400, 400, 3]; the camera follows it."""
+        figure = plt.figure(figsize=(4, 4), dpi=100, layout="none")
+        axes = figure.add_axes((0, 0, 1, 1))
+        view = robot_model.camera()
+        robot_model.draw_ground(axes, view, 4)
+        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
+        torso, joints = self.seen
+        robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], view)
+        _, x, y = view @ torso[:3]
+        axes.set(xlim=(x - 0.6, x + 0.6), ylim=(y - 0.6, y + 0.6))
+        figure.canvas.draw()
+        picture = np.array(figure.canvas.buffer_rgba())[..., :3]
+        plt.close(figure)
+        return picture
+
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
 
 # ------------------------------------------------------------------------ demonstration
-def plot_rewards(paid, path, title):
-    """Sum over time of every reward term, mean over the robots; paid: [K, N] by name."""
-    styles = {"distance": "-", "angle": "--", "orient to goal": ":", "continuity": "-.",
-              "fall": "x", "goal": "o-", "time": "+"}
-    figure, axis = plt.subplots(figsize=(8, 4))
-    for (name, r), (word, style) in zip(paid.items(), styles.items()):
-        steps = range(1, len(r) + 1)
-        axis.plot(steps, r.mean(1).cumsum(), style, markevery=5, label=f"{name}: {word}")
-    axis.set(title=title, xlabel="double step (several episodes)",
-             ylabel="mean sum of rewards so far [1]")
-    axis.legend(ncols=2)
+def plot_rewards(means, paid, length, path, title):
+    """Left: what each reward pays in an episode, means [7] by planner. Right: an episode of one
+    robot of `length` double steps, paid [K] by name.
+    """
+    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
+    figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
+    places = np.arange(len(words))
+    for shift, color, (planner, mean) in zip((0.2, -0.2), ("0.7", "tab:cyan"), means.items()):
+        bars.barh(places + shift, mean, 0.4, color=color, label=planner)
+    bars.set(title=title, xlabel="mean sum in an episode [1]", yticks=places, yticklabels=words)
+    bars.set_xscale("symlog", linthresh=0.1)  # a fall is so much larger
+    bars.invert_yaxis()
+    bars.legend()
+    steps = range(1, length + 1)
+    for k, (word, r) in enumerate(zip(words, paid.values())):
+        curves.plot(steps, r[:length].cumsum(), f"C{k}", ls="-" if k % 2 else "--", label=word)
+    curves.axvline(length, color="black", ls=":", label="it has arrived")
+    curves.set(title="One robot, hand-written planner", xlabel="double step",
+               ylabel="sum of rewards so far [1]")
+    curves.legend(loc="center left", bbox_to_anchor=(1, 0.5))
     robot_model.save_figure(figure, path)
 
 def main():
@@ -553,6 +581,7 @@ def main():
     planners = {"random": lambda goals, limits: rng.random((len(goals), 6)),
                 "hand-written": hand_written}
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
+    means = {}
     for planner, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
         rows = []
@@ -560,13 +589,17 @@ def main():
             goals = envs.world.measure(envs.robots)
             *_, infos = envs.step(act(goals, limits))
             rows.append(infos["reward_terms"])
-        # [60, 64] each; after the loop those of the last planner, the hand-written one
-        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        goals, falls = (paid["r_goal"] > 0).sum(), (paid["r_fall"] < 0).sum()
-        print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
+        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [60, 64] each
+        arrived = paid["r_goal"] > 0
+        falls = (paid["r_fall"] < 0).sum()
+        means[planner] = [r.sum() / (arrived.sum() + falls) for r in paid.values()]
+        print(f"{planner:13s}: {arrived.sum()} episodes at the goal, {falls} falls")
     envs.close()
-    plot_rewards(paid, out / "03_rewards.png",
-                 f"What each reward has paid on average, hand-written planner ({args.sim})")
+    # The first episode of the robot whose way was the longest  [64] double steps
+    lengths = np.where(arrived.any(0), arrived.argmax(0) + 1, 0)
+    robot = lengths.argmax()
+    plot_rewards(means, {name: r[:, robot] for name, r in paid.items()}, lengths[robot],
+                 out / "03_rewards.png", f"{count} robots ({args.sim})")
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":

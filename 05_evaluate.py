@@ -322,7 +322,8 @@ def plot_footsteps(columns, path, robot):
         panel.set(aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
     axes[0].set(ylabel="y [m]")
-    for color, label in zip((*robot_model.COLORS, "tab:green"), ("left foot", "right foot", "goal")):
+    colors = *robot_model.COLORS, "tab:green"
+    for color, label in zip(colors, ("left foot", "right foot", "goal")):
         axes[0].fill([], [], color=color, alpha=0.5, label=label)
     axes[0].plot([], [], "k", lw=1, label="torso on the ground")
     figure.legend(loc="outside lower center", ncols=4)
@@ -660,7 +661,7 @@ def run(world, blocks, planners, shown, facts, args, out):
         if start.is_file() and tenth.is_file():
             race = {name: record(load_policy(path, args.sim)[0], world, trials)[0]
                     for name, path in stages.items()}
-            plot_race(race, out / "learning.gif", robot)
+            plot_race(race, out / "learning.gif", robot, every=20)
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 def write_text(path, text):

@@ -36,11 +36,15 @@ def motion(poses, fell):
 
 @BOTH
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.filterwarnings("ignore:.*render.*")
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_finds_nothing_to_complain_about(sim):
-    one = gym.make("Footsteps-v0", sim=sim)
-    check_env(one.unwrapped, skip_render_check=True)
+    one = gym.make("Footsteps-v0", sim=sim, render_mode="rgb_array")
+    check_env(one.unwrapped)
+    one.reset(seed=3)
+    before = one.render()
+    assert before.shape == (400, 400, 3) and before.dtype == np.uint8 and np.ptp(before) > 100
+    one.step(np.full(6, 0.6, np.float32))
+    assert (one.render() != before).any(-1).mean() > 0.02, "the robot has moved, the camera too"
     one.close()
 
 @pytest.mark.parametrize("mode, more", [
@@ -57,9 +61,10 @@ def test_gymnasium_can_make_vectors(make, mode, more):
     assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
 
 @BOTH
-def test_robots_together_equal_robots_alone(make, sim):
-    n, rng, task = 3, np.random.default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
-    cores = {"pymunk": 1, "mujoco": 2}[sim]  # pymunk's processes need seconds to start
+@pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
+def test_robots_together_equal_robots_alone(make, sim, n):
+    rng, task = np.random.default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
+    cores = 1 if sim == "pymunk" and n == 3 else 2  # its processes need seconds to start
     together = make(env.FootstepVectorEnv, n, sim, noise=True, imu=True, cores=cores, task=task)
     alone = [make(env.FootstepEnv, sim, noise=True, imu=True, task=task) for _ in range(n)]
     for one in (together, *alone):

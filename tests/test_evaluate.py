@@ -534,7 +534,8 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials
     (["--planner", "text.py"], "text.py: defines no class Planner"),
     (["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
      "c/b/mine.py: two planners are called b/mine"),
-    (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are")], ids=str)
+    (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are")],
+    ids=str)
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
     Path("text.py").write_text("class Other: pass")
@@ -573,9 +574,9 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     table = Path("out/table.md").read_text(encoding="utf-8")
     assert table in capsys.readouterr().out
     assert "paper" not in table, "the paper's rows are about its goals, not about yours"
-    walks, path = evaluate.plot_footsteps.call_args.args
+    walks, *rest = evaluate.plot_footsteps.call_args.args
     assert [*walks] == ["baseline", "baseline_tuned", "mine"], "yours goes before the policies"
-    plot_footsteps(walks, path)
+    plot_footsteps(walks, *rest)
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]
@@ -660,20 +661,19 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatc
         mouse("release", 0.4, 0.5)
         goal_is(0.4, 0.2, math.pi / 2, "pressed: the place; dragged along +y: the toes point there")
         keys_did(False, gain)
-        key(" ")
-        key("r")
+        for letter in " r":
+            key(letter)
         yield
         keys_did(True, 0)
         key("r")
         close(planner.measured, world.relative_goal([0]))
         yield
         keys_did(False, gain)
-        mouse("press", -0.2, 0.1)
-        mouse("release", -0.2, 0.1)
         turned = world.pose[0, 2]
         assert turned > 0.1, "this test's robot should have turned"
-        mouse("press", 9.0, 9.0)
-        mouse("release", 9.0, 1.0)
+        for name, *place in (("press", -0.2, 0.1), ("release", -0.2, 0.1), ("press", 9.0, 9.0),
+                             ("release", 9.0, 1.0)):
+            mouse(name, *place)
         goal_is(-0.2, 0.1, turned, "a click: as it is turned now; outside of the map: nothing")
         assert world.steps[0] == 3, "it walks in one go"
         monkeypatch.setattr(world, "step", lambda actions, robots: (
@@ -685,8 +685,7 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatc
         key("p")
         yield
         yield
-        title = figure.axes[0].get_title()
-        assert title.startswith("policy, reflex on: "), "p takes the next planner"
+        assert figure.axes[0].get_title().startswith("policy, reflex on: "), "p: the next planner"
         evaluate.plt.close(figure)
         yield
         pytest.fail("the window is closed, and it walks on")

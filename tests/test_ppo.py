@@ -701,6 +701,14 @@ def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, capsy
     line, = capsys.readouterr().err.splitlines()
     assert caught.value.code == 2 and "actions in a Box [n], with bounds" in line
 
+@pytest.mark.slow
+def test_a_short_training_improves_the_pendulum(tmp_path):
+    pendulum = partial(ppo.gym_envs, "Pendulum-v1")
+    _, rows = ppo.train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
+    returns = np.array([row["return"] for row in rows])
+    first, last = returns[1], np.nanmean(returns[-10:])
+    assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"
+
 def test_command_line_trains_and_tells_what_it_wrote(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ppo, "GYM_CONFIG", replace(SMALL, num_envs=1, rollout=201))
     ppo.main(["--env", "Pendulum-v1", "--steps", "1", "--out", str(tmp_path)])

@@ -505,7 +505,9 @@ def test_tuning_tries_all_settings_of_planners_that_use_them(monkeypatch):
     assert all(len(set(values)) > 100 for values in zip(*tried)), "one is not tuned"
     carrot = baseline.carrot_of(tried[1])
     assert vars(carrot.settings) == dict(zip(baseline.CARROT, tried[1])) | {"share": True}
-    goal, view = np.ones((1, 3)), env.FootstepWorld(1, cores=1).view([0], np.ones((1, 3)))
+    world, goal = env.FootstepWorld(1, cores=1), np.ones((1, 3))
+    world.reset([0])
+    view = world.view([0], goal)
     actions = []
     for values in (tried[1], tried[2]):
         planner = baseline.expert_of(values)

@@ -52,10 +52,10 @@ def main():
                        env={**os.environ, "GIT_CEILING_DIRECTORIES": str(folder.parent)})
         code, said = tested(folder)
         if code != 1 or "AssertionError" not in said:
-            sys.exit(f"{said}\nYour test passes without the bug. With {args.bug} it must fail by an "
-                     "assertion, and it does not.")
-    print(f"{said}\nYour test passes without the bug and fails with {args.bug}: well done. Does the "
-          "message above say what is wrong?")
+            sys.exit(f"{said}\nYour test passes without the bug. With {args.bug} it must fail by "
+                     "an assertion, and it does not.")
+    print(f"{said}\nYour test passes without the bug and fails with {args.bug}: well done. Does "
+          "the message above say what is wrong?")
 
 if __name__ == "__main__":
     main()

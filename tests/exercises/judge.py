@@ -115,8 +115,8 @@ def plot(found, path):
         low, high = interval(found[name][:2])
         axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
         axis.plot([low, high], [place, place], "k", lw=2)
-    axis.set(yticks=range(len(names)), yticklabels=names, xlabel="points [s], the fewest win; line: "
-             "95 % interval")
+    axis.set(yticks=range(len(names)), yticklabels=names,
+             xlabel="points [s], the fewest win; line: 95 % interval")
     robot_model.save_figure(figure, path)
 
 def main():

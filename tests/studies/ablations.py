@@ -67,7 +67,7 @@ def judged(planner, sim, reflex=True):
     half = GOALS // 2
     with closing(env.FootstepWorld(half, sim, cores=1)) as world:
         if not reflex:
-            common.without_reflex(world)
+            common.set_reflex(world, 0.0)
         parts = [common.walks(planner, world, True, far, 1, per_set=half) for far in (False, True)]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
 
@@ -80,7 +80,7 @@ def ablate(sim, name, seed):
     def make_envs(num_envs):
         envs = env.FootstepVectorEnv(num_envs, sim, True, imu, staggered=True, task=task, cores=1)
         if not reflex:
-            common.without_reflex(envs.world)
+            common.set_reflex(envs.world, 0.0)
         return envs
 
     folder = common.work(sim, "ablations", f"{name}_{seed}")

@@ -30,6 +30,7 @@ evaluate = import_module("05_evaluate")
 
 SEEDS = {"mujoco": (0, 1, 2, 3, 4), "pymunk": (0, 1, 2)}  # of the shipped trainings
 FEW = (0, 1, 2)  # of all others
+COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
 PER_SET = 500  # goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
@@ -135,7 +136,7 @@ def cell(row, key, digits):
 def dots(rows, by, share, title):
     """A figure: a bar (mean) for every value of the key `by`, a dot for every training."""
     names = list(dict.fromkeys(row[by] for row in rows))
-    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(names)), layout="constrained",
+    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(names)),
                                 sharey=True)
     for axis, key in zip(axes, (share, "time_mean")):
         for place, name in enumerate(names):
@@ -164,10 +165,9 @@ def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, **settings):
     """`with` it: a FootstepWorld for `walks`."""
     return contextlib.closing(kind(num_robots, sim, **settings))
 
-def without_reflex(world):
-    """From now on the ankles do not answer the gyro; returns the world."""
-    world.engine.parameters = replace(world.engine.parameters, reflex=0.0)
-    return world
+def set_reflex(world, gain):
+    """From now on the ankles answer the gyro with this gain [s]; 0: not at all."""
+    world.engine.parameters = replace(world.engine.parameters, reflex=gain)
 
 def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, friction=np.nan,
           purpose="evaluation"):

@@ -30,7 +30,7 @@ def study_pushes(args):
     for reflex in (True, False):
         with common.world(args.sim) as world:
             if not reflex:
-                common.without_reflex(world)
+                common.set_reflex(world, 0.0)
             for speed, name in product(SPEEDS, planners):
                 world.push = speed
                 ended = common.walks(planners[name], world, True, far=True, sets=SETS)
@@ -92,19 +92,18 @@ def table(found, sim):
 def plot(found, sim):
     """Share of falls over Δv, one colour a planner, with 95 % intervals."""
     rows = found["pushes"]["rows"]
-    figure, axis = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    figure, axis = plt.subplots(figsize=(8, 4))
     names = dict.fromkeys(row["planner"] for row in rows)
-    for i, (name, reflex) in enumerate(product(names, (True, False))):
+    for name, reflex in product(names, (True, False)):
         own = common.pick(rows, planner=name, reflex=reflex)
         fall = np.array([row["fall"] for row in own])
         low, high = np.transpose([row["fall_ci95"] for row in own])
         axis.errorbar([row["speed"] for row in own], fall, np.abs([fall - low, high - fall]),
-                      color=f"C{i // 2}", linestyle="-" if reflex else "--", capsize=3,
+                      color=common.COLORS.get(name), linestyle="-" if reflex else "--", capsize=3,
                       label=f"{name}, {'with' if reflex else 'without'} reflex")
-    axis.set(xlabel="push: Δv of the torso [m/s]", ylabel="share of far walks with a fall [1]",
-             title=f"Pushes every 3 s on average, far goals with noise ({sim})", ylim=(0, None))
+    axis.set(xlabel="push: Δv of the torso [m/s]", ylabel="share of walks with a fall [1]",
+             title=f"Pushed every 3 s on average, on the way to far goals ({sim})", ylim=(0, None))
     axis.legend()
-    axis.grid(alpha=0.3)
     return figure
 
 if __name__ == "__main__":

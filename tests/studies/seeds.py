@@ -143,16 +143,16 @@ def table(found, sim):
 def plot(found, sim):
     """Time over the distance of the goal."""
     rows = found["distances"]["rows"]
-    figure, axis = plt.subplots(figsize=(8, 4.5), layout="constrained")
+    figure, axis = plt.subplots(figsize=(8, 4))
     for name, style in (("policy", "o-"), ("expert", "s--"), ("baseline_tuned", "^:")):
         own = pick(rows, planner=name)
-        axis.plot(DISTANCES, [row["time_mean"] for row in own], style, label=name)
+        axis.plot(DISTANCES, [row["time_mean"] for row in own], style, color=common.COLORS[name],
+                  label=name)
     axis.plot(DISTANCES, [row["least"] for row in own], color="0.5",
-              label="nobody can be faster (every step the longest)")
+              label="bound: every step the longest")
     axis.set(xlabel="distance of the goal [m]", ylabel="mean time of the successes [s]",
              title=f"Time over distance, any direction and yaw, with noise ({sim})", ylim=(0, None))
     axis.legend()
-    axis.grid(alpha=0.3)
     return figure
 
 if __name__ == "__main__":

@@ -277,16 +277,17 @@ def table(found, sim):
 def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
     limits, found = env.LIMITS[sim], found["limits"]
-    figure, axes = plt.subplots(1, 3, figsize=(14, 4.4), layout="constrained")
+    figure, axes = plt.subplots(1, 3, figsize=(14, 4.4))
     for axis, (title, (label, second, _)) in zip(axes, MAPS.items()):
         falls = found[title]["falls"]
         image = axis.pcolormesh(X, second, falls, cmap="magma_r", vmin=0, vmax=1)
         fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
         inside = allowed(cells(title, fine, other), limits)
         axis.contour(fine, other, inside, [0.5], colors="tab:cyan", linewidths=2)
+        axis.grid(False)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
     figure.colorbar(image, ax=axes, label="share of falls in 8 double steps")
-    figure.suptitle(f"Which steps fall in drawn worlds ({sim}); blue: the limits of an action")
+    figure.suptitle(f"Which steps make the robot fall ({sim}); light blue: limits of an action")
     return figure
 
 def main(argv=None):
