@@ -9,7 +9,7 @@ Paper: section II-a, a simulated biped with position-controlled joints. The robo
 The robot that fell at the smallest lean is drawn in `runs/<sim>/01_robot.png`. This takes 2
 seconds. Predict that lean: by how much must the ankles turn until the centre of mass is above the
 toes? In `stance` it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in
-`RobotModel`.
+`RobotModel`. In 3-D 64 standing robots are then pushed to the side, which the plane cannot show.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -858,24 +858,25 @@ def main():
     joints[..., [4, 10]] -= (leans[:, None] * np.clip((seconds - 1) / 8, 0, 1))[..., None]
     trunk = np.zeros((count, len(seconds), 6))
     none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
-    # What is drawn at random, its sizes, targets, pushes; the camera; the edge to fall over [m].
-    cases = [("lean [rad]", leans, joints, none, camera(-90, 10), robot.foot_front)]
+    # What is drawn at random, unit, sizes; targets, pushes; camera; the edge to fall over [m].
+    cases = [("lean", "rad", leans, joints, none, camera(-90, 10), robot.foot_front)]
     if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
         speeds = rng.uniform(0.5, 2.5, count)  # [m/s]
         push = none.copy()
         push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
         edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2
-        cases.append(("push to the side [m/s]", speeds, stand, push, camera(0, 10), edge))
+        cases.append(("push to the side", "m/s", speeds, stand, push, camera(0, 10), edge))
     figure, panels = plt.subplots(1, len(cases), figsize=(6 * len(cases), 4.5), squeeze=False)
-    for (name, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
+    for (name, unit, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
         sim.reset(np.arange(count))
         motion = sim.run(Trajectory(joints, trunk, none, none, push), np.arange(count))
         i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
-        print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {sizes[i]:.2f}")
+        size = f"{sizes[i]:.2f} {unit}"
+        print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {size}")
         down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
         seven = np.linspace(down - 99, down, 7).astype(int)
         plot_fall(axes, robot, motion.torso[i, seven], motion.joints[i, seven], view, edge)
-        axes.set(title=f"The last second of a fall: {name} {sizes[i]:.2f}")
+        axes.set(title=f"The last second of a fall: {name} {size}")
     sim.close()
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")

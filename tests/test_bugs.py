@@ -84,3 +84,28 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
     with ThreadPoolExecutor(import_module("01_robot_model").CORES) as pool:
         problems = list(filter(None, pool.map(problem, PATCHES)))
     assert not problems, "\n".join(problems)
+
+STUDENT_S_TEST = """
+from importlib import import_module
+import numpy as np
+
+def test_angles_are_wrapped():
+    d, alpha, beta = import_module("03_env").polar(np.array([1.0, 0.0, 4.0]))
+    assert abs(alpha) <= np.pi, f"α = {alpha} for a yaw of 4 rad"
+"""
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bug, code, says", [
+    ("stubborn", 0, "fails with stubborn: well done"), ("tired", 1, "With tired it must fail")])
+def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, code, says):
+    (tmp_path / "mine.py").write_text(STUDENT_S_TEST, encoding="utf-8")
+    script = str(ROOT / "tests" / "exercises" / "debug.py")
+    got, said = run(sys.executable, script, "mine.py", bug, folder=tmp_path)
+    assert got == code and says in said, said
+    assert os.listdir(tmp_path) == ["mine.py"], "nothing is left behind"
+
+def test_debug_refuses_what_is_not_there(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["debug.py", "nobody.py", "tired"])
+    with pytest.raises(SystemExit) as stopped:
+        import_module("debug").main()
+    assert stopped.value.code == 2 and "nobody.py: no such file" in capsys.readouterr().err

@@ -1,6 +1,8 @@
 """The shipped evidence: complete, of the shipped planners, and rightly told in words."""
 
 import re
+import subprocess
+import sys
 from functools import cache
 from importlib import import_module
 from itertools import product
@@ -299,3 +301,16 @@ def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stop:
         judge.main()
     assert stop.value.code == 2 and "name of its own" in capsys.readouterr().err
+
+@pytest.mark.slow
+def test_the_leaderboard_ranks_all_files_of_a_folder(tmp_path):
+    """A good planner, and one that raises: the other ones are ranked all the same."""
+    planner = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
+    (tmp_path / "good.py").write_text(planner, encoding="utf-8")
+    (tmp_path / "bad.py").write_text("raise ValueError('of mine')", encoding="utf-8")
+    command = [sys.executable, judge.__file__, tmp_path, "--episodes", "3", "--out", tmp_path]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
+    assert "of mine" in done.stderr and "bad is left out" in done.stderr
+    board = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `(\w+)` ", board, re.MULTILINE)) == {"good", *judge.FIELD}
+    assert (tmp_path / "leaderboard.png").stat().st_size > 5000

@@ -143,3 +143,42 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page):
         assert known.issuperset(re.findall(r"--[a-z-]+", flags)), f"{page}: `{name}{flags}`"
     for path in re.findall(r"tests/[\w/]+\.py", text):
         assert (ROOT / path).is_file(), f"{page} names {path}, which does not exist"
+
+# ------------------------------------------------------------------------ numbers of the course
+EXERCISES = ROOT / "tests" / "exercises"
+PREDICT = "tests/exercises/predict.py"
+
+def numbers(line):
+    """A line without its numbers, and its numbers."""
+    pattern = r"-?\d+\.?\d*"
+    line = line.replace("−", "-").split("  (")[0]
+    return re.sub(pattern, "#", line).split(), [float(x) for x in re.findall(pattern, line)]
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, commands, tolerance", [
+    ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco",
+              "01_robot_model.py --mujoco --seed 1"], 0.011),
+    ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96 walks, by chance and machine
+    ("circle", [f"{PREDICT} circle"], 0.0011),
+    ("sharpness", [f"{PREDICT} sharpness"], 0.0011)], ids=str)
+def test_predictions_show_what_their_commands_print(tmp_path, name, commands, tolerance):
+    page = (EXERCISES / "predict.md").read_text(encoding="utf-8")
+    section = page.split(f"\n## {name}:")[1].split("\n## ")[0].split("What we measured")[1]
+    told = re.findall(r"^    (.*)$", section, re.MULTILINE)
+    printed = "".join(run(*command.split(), folder=tmp_path).stdout for command in commands)
+    found = [numbers(line) for line in printed.splitlines()]
+    assert told, f"predict.md, {name}: where are the measured lines?"
+    for line in told:
+        words, values = numbers(line)
+        assert any(words == other and values == pytest.approx(more, abs=tolerance)
+                   for other, more in found), f"predict.md, {name}: {line!r}, but:\n{printed}"
+
+@pytest.mark.slow
+def test_find_the_bug_shows_what_stage_2_prints(tmp_path):
+    page = (EXERCISES / "debug.md").read_text(encoding="utf-8").replace("−", "-")
+    row, = re.findall(r"^\| before \| (-?[\d., -]+) \| (-?[\d., -]+) \|",
+                      page.split("\n## lopsided:")[1], re.MULTILINE)[:1]
+    printed = run("02_walk_engine.py", "--mujoco", folder=tmp_path).stdout
+    for walk, cell in zip(("forward", "a left turn"), row):
+        line, = re.findall(rf"^{walk} .*$", printed, re.MULTILINE)
+        assert numbers(line)[1][3:6] == pytest.approx(numbers(cell)[1], abs=0.011), (walk, cell)

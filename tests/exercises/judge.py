@@ -12,6 +12,7 @@ as shipped in results/.
 
 import csv
 import json
+import os
 import subprocess
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -86,6 +87,7 @@ def walk(name, seed, episodes):
     the field.
     """
     sys.path.append(str(ROOT))  # the stages
+    os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
     evaluate = import_module("05_evaluate")
     env = evaluate.env
     if name in FIELD:
@@ -109,9 +111,12 @@ def plot(found, path):
     robot_model = import_module("01_robot_model")
     plt = robot_model.plt
     scores = {name: points(rows[:2]) for name, rows in found.items()}
-    names = sorted((name for name in found if scores[name] is not None), key=scores.get)[::-1]
+    names = sorted(found, key=lambda name: scores[name] or np.inf)[::-1]
     figure, axis = plt.subplots(figsize=(8, 1.2 + 0.4 * len(names)))
     for place, name in enumerate(names):
+        if scores[name] is None:
+            axis.text(0, place, " disqualified", va="center")
+            continue
         low, high = interval(found[name][:2])
         axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
         axis.plot([low, high], [place, place], "k", lw=2)
@@ -125,6 +130,7 @@ def main():
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py or FOLDER")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--episodes", type=int, default=500)
+    parser.add_argument("--out", type=Path, default=ROOT / "runs" / "contest")
     parser.add_argument("--walk", metavar="PLANNER", help="used by the judge itself")
     args = parser.parse_args()
     if args.walk:
@@ -141,7 +147,7 @@ def main():
     if not files:
         print(ranking(noisy(ROOT / "results" / "mujoco")))
         return
-    out = ROOT / "runs" / "contest"
+    out = args.out.resolve()
     out.mkdir(parents=True, exist_ok=True)
     found = {}
     for planner in (*FIELD, *files):

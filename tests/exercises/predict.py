@@ -8,7 +8,6 @@
 """
 
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
 from pathlib import Path
 
@@ -102,12 +101,9 @@ EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "join
                "filter": filter_}
 
 def main():
-    sys.stdout.reconfigure(errors="replace")  # a Windows console may have no γ or τ
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser = robot_model.StageParser(__doc__)
     parser.add_argument("name", choices=EXPERIMENTS)
-    parser.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
-                        default="pymunk", help="3-D instead of the sagittal plane")
-    args = parser.parse_args()
+    args = parser.parse()
     EXPERIMENTS[args.name](args.sim)
 
 if __name__ == "__main__":  # the simulator's worker processes import this file again
