@@ -945,10 +945,10 @@ class Workers:
 # ------------------------------------------------------------------------ command line and files
 def whole(text):
     """A whole number of the command line."""
-    number = int(text)
-    if not 0 <= number < 2**32:
-        raise ArgumentTypeError(f"{text} is not from 0 to {2**32 - 1}")
-    return number
+    number = float(text)  # 1e6 is a whole number, too
+    if not 0 <= number < 2**32 or number % 1:
+        raise ArgumentTypeError(f"{text} is not a whole number from 0 to {2**32 - 1}")
+    return int(number)
 
 class StageParser(ArgumentParser):
     """The flags of every stage; a wrong value gets one clear line and exit code 2."""

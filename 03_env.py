@@ -541,23 +541,21 @@ class FootstepEnv(gym.Env):
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
 
 # ------------------------------------------------------------------------ demonstration
-def plot_rewards(means, paid, length, path, title):
-    """Left: what each reward pays in an episode, means [7] by planner. Right: an episode of one
-    robot of `length` double steps, paid [K] by name.
+def plot_rewards(means, paid, path, title):
+    """Left: what each term pays in an episode, means [7] by planner. Right: one episode of one
+    robot, what each term paid in its K double steps, [7, K].
     """
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
+    places = np.arange(7)
     figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
-    places = np.arange(len(words))
     for shift, color, (planner, mean) in zip((0.2, -0.2), ("0.7", "tab:cyan"), means.items()):
         bars.barh(places + shift, mean, 0.4, color=color, label=planner)
-    bars.set(title=title, xlabel="mean sum in an episode [1]", yticks=places, yticklabels=words)
-    bars.set_xscale("symlog", linthresh=0.1)  # a fall is so much larger
+    bars.set(title=title, xlabel="mean sum in an episode [1]", yticks=places, yticklabels=words,
+             xscale="symlog")  # linear from −2 to 2, logarithmic beyond: a fall is much larger
     bars.invert_yaxis()
-    bars.legend()
-    steps = range(1, length + 1)
-    for k, (word, r) in enumerate(zip(words, paid.values())):
-        curves.plot(steps, r[:length].cumsum(), f"C{k}", ls="-" if k % 2 else "--", label=word)
-    curves.axvline(length, color="black", ls=":", label="it has arrived")
+    bars.legend(loc="lower right")
+    curves.plot(np.cumsum(paid, 1).T, label=words)
+    curves.axvline(len(paid[0]) - 1, color="black", ls=":", label="it has arrived")
     curves.set(title="One robot, hand-written planner", xlabel="double step",
                ylabel="sum of rewards so far [1]")
     curves.legend(loc="center left", bbox_to_anchor=(1, 0.5))
@@ -589,17 +587,16 @@ def main():
             goals = envs.world.measure(envs.robots)
             *_, infos = envs.step(act(goals, limits))
             rows.append(infos["reward_terms"])
-        paid = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [60, 64] each
-        arrived = paid["r_goal"] > 0
-        falls = (paid["r_fall"] < 0).sum()
-        means[planner] = [r.sum() / (arrived.sum() + falls) for r in paid.values()]
+        paid = np.array([[*row.values()] for row in rows])  # [60, 7, 64]
+        arrived = np.array([row["r_goal"] > 0 for row in rows])  # [60, 64]
+        falls = np.sum([row["r_fall"] < 0 for row in rows])
+        means[planner] = paid.sum((0, 2)) / (arrived.sum() + falls)
         print(f"{planner:13s}: {arrived.sum()} episodes at the goal, {falls} falls")
     envs.close()
-    # The first episode of the robot whose way was the longest  [64] double steps
-    lengths = np.where(arrived.any(0), arrived.argmax(0) + 1, 0)
-    robot = lengths.argmax()
-    plot_rewards(means, {name: r[:, robot] for name, r in paid.items()}, lengths[robot],
-                 out / "03_rewards.png", f"{count} robots ({args.sim})")
+    first = arrived.argmax(0)  # [64] the double step of the first arrival
+    robot = first.argmax()  # it had the longest way
+    plot_rewards(means, paid[: first[robot] + 1, :, robot].T, out / "03_rewards.png",
+                 f"{count} robots ({args.sim})")
     print("Look at", out / "03_rewards.png")
 
 if __name__ == "__main__":
