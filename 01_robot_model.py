@@ -1,6 +1,7 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
-Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6].
+Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6]. (Numbers
+of sections and references are the paper's. `tests/exercises/ledger.md` lists what it says.)
 
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
@@ -153,7 +154,8 @@ class Body:
 
 @dataclass
 class Trajectory:
-    """The commands for N robots in T control ticks; sample 0 is where the last one ended."""
+    """The commands for N robots in T control ticks. Sample k is the target at the end of tick k;
+    sample 0 repeats the last sample of the double step before."""
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
     support: np.ndarray  # [N, T, 2] [s] gain of the reflex: left, right ankle; 0 where it swings
@@ -322,8 +324,8 @@ def reflex(robot, trajectory, tick, end, spin):
     """What the gyro adds to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
 
     spin [n, 2]: true angular velocity of the torso about its x and y axes at the first of these
-    ticks [rad/s]. A torso that turns forward faster than planned gets its support ankle lowered:
-    the toes press on the ground, which brakes the turn.
+    ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support foot are
+    turned down: they press on the ground, which brakes the turn.
     """
     # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
     lean = trajectory.trunk[..., 3:5]
@@ -456,7 +458,7 @@ class MujocoSim:
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)  # 0: no waiting
+        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)  # 0: no thread
         self.standing_height = torso[2]
         # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
         turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
@@ -507,7 +509,7 @@ class MujocoSim:
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
             self.control[robots] = now[:, -1]
             now = np.where(self.delay[robots, None, None], late, now)
-            # Behind the controls: force and torque on every body; the torso is body 1.
+            # After the controls come force and torque on every body; the torso is body 1.
             outer = np.zeros((*now.shape[:2], 6 * self.model.nbody))
             outer[..., 6:8] = trajectory.push[:, t:end]
             inputs = np.repeat(np.concatenate([now, outer], -1), robot.substeps, axis=1)
@@ -791,8 +793,8 @@ def capsule(start, end, radius):
     return np.concatenate([start + half, end - half])
 
 def draw_robots(axes, robot, torso, joints, view):
-    """Robots as measured, or one at K moments, the last one strongest: torso [K, 6], joints
-    [K, 12]; view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
+    """One robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as measured;
+    view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
     points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
     up = rotation(*torso[:, 3:].T)[:, None, None, :, 2]  # [K, 1, 1, 3] along the torso
@@ -829,17 +831,6 @@ def centre_of_mass(robot, torso, joints):
     legs = np.repeat([robot.hip.mass, robot.thigh.mass, robot.shin.mass, robot.foot.mass], 2)
     return np.average(np.concatenate(places, 1), 1, np.append(robot.torso.mass, legs))
 
-def plot_fall(axes, robot, torso, joints, view, edge):
-    """A fall at K moments, torso [K, 6], joints [K, 12]; edge of the sole [m] to the right in the
-    picture.
-    """
-    draw_ground(axes, view, 0.5)
-    draw_robots(axes, robot, torso, joints, view)
-    _, right, up = view @ centre_of_mass(robot, torso, joints).T
-    axes.plot(right, up, "k.-", lw=1, label="centre of mass")
-    axes.axvline(edge, color="black", ls=":", label="edge of the sole")
-    axes.legend(loc="lower right")
-
 def main():
     parser = StageParser(__doc__)
     args = parser.parse()
@@ -864,7 +855,7 @@ def main():
         speeds = rng.uniform(0.5, 2.5, count)  # [m/s]
         push = none.copy()
         push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
-        edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2
+        edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2  # 0.18: as in `stance`
         cases.append(("push to the side", "m/s", speeds, stand, push, camera(0, 10), edge))
     figure, panels = plt.subplots(1, len(cases), figsize=(6 * len(cases), 4.5), squeeze=False)
     for (name, unit, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
@@ -874,9 +865,16 @@ def main():
         size = f"{sizes[i]:.2f} {unit}"
         print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {size}")
         down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
-        seven = np.linspace(down - 99, down, 7).astype(int)
-        plot_fall(axes, robot, motion.torso[i, seven], motion.joints[i, seven], view, edge)
-        axes.set(title=f"The last second of a fall: {name} {size}")
+        seven = np.linspace(down - 59, down, 7).astype(int)
+        moments = motion.torso[i, seven], motion.joints[i, seven]
+        draw_ground(axes, view, 0.5)
+        draw_robots(axes, robot, *moments, view)
+        _, right, up = view @ centre_of_mass(robot, *moments).T
+        axes.plot(right, up, "k.-", lw=1, label="centre of mass")
+        axes.axvline(edge, color="black", ls=":", label="edge of the sole")
+        axes.legend(loc="lower right")
+        axes.set(title=f"The last 0.6 s of a fall: {name} {size}\n"
+                 "(left leg blue, right leg orange; squares of 0.25 m)")
     sim.close()
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
@@ -992,9 +990,9 @@ def atomic_write(path, write):
     finally:
         temporary.unlink(missing_ok=True)
 
-def save_figure(figure, path, dpi=110):
+def save_figure(figure, path):
     """Writes the figure, and frees its memory."""
-    atomic_write(path, lambda file: figure.savefig(file, dpi=dpi))
+    atomic_write(path, lambda file: figure.savefig(file, dpi=110))
     plt.close(figure)
 
 def run(main):

@@ -49,7 +49,7 @@ class Task:
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
-    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] a double step − its plan, 1 σ; measured
+    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] 1 σ of walked − planned double steps, in 3-D
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
@@ -115,7 +115,7 @@ GOAL_TABLE = (
 # What a double step does also depends on how the body moves when it begins. Without a sensor for
 # that, the last two actions stand in for it.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple((f"{name}, {ago}", "−1 low, 1 high limit", -1.0, 1.0)
+PREVIOUS_TABLE = tuple((f"{name}, {ago}", "−1, 1: low, high limit", -1.0, 1.0)
                        for ago in ("last action", "action before") for name in ACTION_NAMES)
 IMU_TABLE = (
     ("torso roll", "0.25 rad", -4.0, 4.0),
@@ -216,7 +216,7 @@ def hand_written(measured, limits):
     """A planner without learning. Far from the goal it turns to the goal's position, near it to the
     goal's yaw.
 
-    Goals as measured [n, 3] -> actions [n, 6], about half of what the limits allow.
+    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
     """
     d, alpha, beta = polar(measured)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
@@ -304,7 +304,7 @@ class FootstepWorld:
         self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
         self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
-        self.age = np.zeros(num_robots, int)  # more of them, for the time limit only
+        self.age = np.zeros(num_robots, int)  # that count as taken already, see `staggered`
         self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
 
     def reset(self, robots, rngs=(), goals=None, friction=np.nan):
@@ -370,7 +370,7 @@ class FootstepWorld:
         for row, i in enumerate(robots):
             noise = self.dice[i]["gyro"].normal(size=(ticks, 2))
             trajectory.gyro[row] = self.gyro_offset[i] + self.task.imu_rad_s * noise
-            chance, begin, way = self.dice[i]["push"].random(3)  # used or not
+            chance, begin, way = self.dice[i]["push"].random(3)  # also if unused
             if chance < self.push_chance:
                 first = int(begin * (ticks - PUSH_TICKS + 1))
                 angle = np.pi * (round(way) if self.engine.planar else 2 * way)
@@ -542,7 +542,7 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 # ------------------------------------------------------------------------ demonstration
 def plot_rewards(means, paid, path, title):
-    """Left: what each term pays in an episode, means [7] by planner. Right: one episode of one
+    """Left: the sum of each term per episode that ended, [7] by planner. Right: one episode of one
     robot, what each term paid in its K double steps, [7, K].
     """
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
@@ -550,8 +550,8 @@ def plot_rewards(means, paid, path, title):
     figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
     for shift, color, (planner, mean) in zip((0.2, -0.2), ("0.7", "tab:cyan"), means.items()):
         bars.barh(places + shift, mean, 0.4, color=color, label=planner)
-    bars.set(title=title, xlabel="mean sum in an episode [1]", yticks=places, yticklabels=words,
-             xscale="symlog")  # linear from −2 to 2, logarithmic beyond: a fall is much larger
+    bars.set(title=title, xlabel="sum of rewards / ended episodes [1]", yticks=places,
+             yticklabels=words, xscale="symlog")  # linear from −2 to 2, logarithmic beyond
     bars.invert_yaxis()
     bars.legend(loc="lower right")
     curves.plot(np.cumsum(paid, 1).T, label=words)

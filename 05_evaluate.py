@@ -288,7 +288,7 @@ ABOVE = robot_model.camera(-90, 90)
 
 def draw_on_ground(axes, pose, outline, view, color, alpha):
     """Fills an outline [P, 2] [m] on the ground, given in the frame `pose` (x, y, yaw)."""
-    places = pose[:2] + robot_model.turned(outline, np.full(len(outline), pose[2]))
+    places = pose[:2] + robot_model.turned(outline, pose[2])
     axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
 def draw_way(axes, robot, goal, feet, view):
@@ -327,7 +327,7 @@ def plot_footsteps(columns, path, robot):
         axes[0].fill([], [], color=color, alpha=0.5, label=label)
     axes[0].plot([], [], "k", lw=1, label="torso on the ground")
     figure.legend(loc="outside lower center", ncols=4)
-    robot_model.save_figure(figure, path, dpi=110)
+    robot_model.save_figure(figure, path)
 
 def draw_scene(axes, robot, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes, except the ground."""
@@ -482,11 +482,11 @@ def table(rows, ratios, paper=PAPER):
     ours = ("| goals σ | noise | planner | success [95 % interval] | timeout | fall "
             "| success time [s] | still there |\n"
             "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
-    once = ("\nBy the paper's rule, once at the goal, in two worlds:\n\n"
+    once = ("\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
             "| noise | planner | source | success | timeout | fall | time [s] |\n"
             "| --- | --- | --- | --- | --- | --- | --- |\n")
     quotients = ("\nMean success time ÷ that of another planner, over goals both reached:\n\n"
-                 "| goals σ | noise | planner | ÷ | ratio | median | slower | common goals |\n"
+                 "| goals σ | noise | planner | other | ratio | median | slower | common goals |\n"
                  "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
     for row in rows:
         which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
