@@ -319,7 +319,7 @@ def plot_push(robot, torso, joints, path, title):
     chart.set_prop_cycle(color=["tab:green", "tab:red"], ls=["-", "--"])
     chart.plot(np.arange(torso.shape[1]) * robot.control_dt, tilt.T, label=names)
     chart.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
-    chart.axvspan(0.72, 0.77, color="0.85")  # when they are pushed
+    chart.axvspan(0.72, 0.77, color="0.85", label="push")
     chart.legend()
     for panel, name, pose, angles in zip(panels, names, torso[:, ticks], joints[:, ticks]):
         robot_model.draw_ground(panel, view, 1)

@@ -428,10 +428,9 @@ class FootstepWorld:
         self.inside[robots] = inside
         late = self.steps[robots] + self.age[robots] >= self.most_steps
         timeout = late & ~success & ~motion.fell
-        seconds = self.steps[robots] * self.engine.period
         terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
         return {"success": success, "fall": motion.fell, "timeout": timeout, "inside": inside,
-                "time": seconds - success * self.engine.period,
+                "time": (self.steps[robots] - success) * self.engine.period,
                 "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
 def fingerprint(sim, imu=False):

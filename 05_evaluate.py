@@ -228,9 +228,8 @@ def double_step(planner, world, robots):
 def foot_poses(robot, torso, joints):
     """Where the feet of measured robots are, x, y [m], yaw [rad]: [K, 6], [K, 12] -> [K, 2, 3]."""
     points, turn = robot_model.body_points(robot, torso, joints)
-    x, y, _ = np.moveaxis(points[:, :, 2], -1, 0)  # [K, 2] each; point 2 is the ankle
     yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
-    return np.stack([x, y, yaw], -1)
+    return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
 
 def record(planner, world, trials):
     """Walk without noise and keep what physics did, a dict per trial: torso [T, 6] and joints
