@@ -97,6 +97,17 @@ def said_of_the_studies():
            f"walks with the reflex and in {share(pushed[False], 1)} without")
     quiet = values(kicks["pushes"]["rows"], "fall", speed=0.0, planner="policy", reflex=False)[0]
     yield f"Without pushes and without the reflex it falls in {share(quiet, 1)}"
+    worlds = kicks["worlds"]["rows"]
+    for names in (("μ = 0.4", "μ = 0.7", "μ = 1.0"),
+                  ("μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)")):
+        rows = [row for row in worlds if row["world"] in names]
+        yield (f"{sum(row['falls'] for row in rows)} of "
+               f"{sum(row['episodes'] for row in rows):,} walks")
+    near, far = values(worlds, "time_mean", world="noise of the goal lasts for seconds")
+    yield f"arrives, but takes {near:.1f} s to near and {far:.1f} s to far goals"
+    near, far = (share(fall, 1) for fall in
+                 values(worlds, "fall", world="pushed by 0.4 m/s every 3 s"))
+    yield f"{near} of the near and {far} of the far walks with such pushes"
     yield f"{share(walk['limits']['stood'], 1)} of 1,000 random plans within the limits stand"
     median, lowest = (1000 * height for height in walk["limits"]["clearance"])  # [mm]
     yield f"by {median:.1f} mm in the median. The 5th percentile is {lowest:.1f} mm".replace(
