@@ -753,6 +753,12 @@ def test_a_killed_process_is_an_error_of_one_line_and_no_endless_wait(make_sim):
             sim.run(still("pymunk", 2, seconds), np.arange(2))
         assert str(caught.value) and "\n" not in str(caught.value), "it is shown to the user"
 
+def test_the_spring_of_the_planar_yaw_brings_it_where_it_is_commanded(make_sim):
+    trajectory = still("pymunk", 1, 1.0)
+    trajectory.trunk[:, 5:, 5] = 0.03  # [rad] in one tick; the damping alone turns it by 0.005
+    torso = make_sim("pymunk").run(trajectory, [0]).torso
+    assert torso[0, -1, 5] == pytest.approx(0.03, abs=0.003), "τ = k·e + c·ė: is the spring there?"
+
 def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     sim, trajectory = make_sim("pymunk", 2), still("pymunk", 2, 1.5)
     seconds = ROBOT.control_dt * np.arange(trajectory.joints.shape[1])
