@@ -493,7 +493,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         return observations, result["reward"], terminated, truncated, infos
 
 class FootstepEnv(gym.Env):
-    """One robot; the same world with N = 1."""
+    """One robot; the same world with N = 1. `gymnasium.wrappers.RecordVideo` can film it."""
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
     def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepWorld

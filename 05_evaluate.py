@@ -5,12 +5,13 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
-    python 05_evaluate.py --gif            also animation.gif: the policy races the baseline
+    python 05_evaluate.py --gif            also two films: a race against baseline_tuned, and
+                                           the policy before, during and after training
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
-    python 05_evaluate.py --play           click a goal and watch
+    python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). It prints the table and writes it with
@@ -682,7 +683,7 @@ def main(argv=None):
                         help="pushes by DV m/s, every 3 s on average")
     parser.add_argument("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     parser.add_argument("--planner", type=Path, nargs="+", default=[], help="files of your own")
-    parser.add_argument("--gif", action="store_true", help="also draw animation.gif, a race")
+    parser.add_argument("--gif", action="store_true", help="also draw two films")
     parser.add_argument("--play", action="store_true", help="click a goal, watch the robot walk")
     args, task = parser.parse(argv), env.Task()
     if not 1 <= args.episodes <= MOST or args.friction < 0 or not 0 <= args.push < 1e3:

@@ -94,9 +94,8 @@ def work(sim, study, training):
 
 HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
          "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
-         "over_baseline_tuned": "time ÷ baseline_tuned", "over_search": "time ÷ search",
-         "over_expert": "time ÷ expert",
-         "time_ratio": "time ÷ that without IMU", "seed": "training seed", "friction": "μ",
+         "over_baseline_tuned": "time ÷ baseline_tuned", "over_expert": "time ÷ expert",
+         "seed": "training seed", "friction": "μ",
          "factor": "size of steps", "change": "largest change", "bare": "bare physics",
          "speed": "Δv [m/s]", "distance": "distance [m]", "least": "least possible [s]",
          "seconds": "training [s]"}
