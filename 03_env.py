@@ -77,13 +77,12 @@ class Spread:
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
         drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
-        friction, mass, stiffness, stiction, delay = np.split(drawn, [1, 10, 22, 34], axis=1)
         return robot_model.Body(
-            friction=np.maximum(0, robot.friction + self.friction * friction[:, 0]),
-            mass=1 + self.mass * mass,
-            stiffness=1 + self.stiffness * stiffness,
-            stiction=self.stiction * (1 + stiction) / 2,
-            delay=self.delay * (delay[:, 0] > 0))
+            friction=np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
+            mass=1 + self.mass * drawn[:, 1:10],
+            stiffness=1 + self.stiffness * drawn[:, 10:22],
+            stiction=self.stiction * (1 + drawn[:, 22:34]) / 2,
+            delay=self.delay * (drawn[:, 34] > 0))
 
 @dataclass(frozen=True)
 class StepLimits:
@@ -161,8 +160,7 @@ def polar(goal):
 def encode_goal(goal):
     """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
-    x = np.clip(goal[..., 0] / 0.5, -1, 1)
-    y = np.clip(goal[..., 1] / 0.5, -1, 1)
+    x, y = np.clip(np.moveaxis(goal, -1, 0)[:2] / 0.5, -1, 1)
     return np.stack([np.minimum(d, 2.0), x, y, np.cos(beta), np.sin(beta),
                      np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
 
@@ -174,7 +172,7 @@ def to_footsteps(action, limits):
 
 def to_action(footsteps, limits):
     """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
-    share = (footsteps - np.array(limits.low)) / np.subtract(limits.high, limits.low)
+    share = np.subtract(footsteps, limits.low) / np.subtract(limits.high, limits.low)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 # ------------------------------------------------------------------------ rewards
@@ -222,7 +220,8 @@ def hand_written(measured, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
     wish = np.stack([measured[:, 0] / 2, measured[:, 1], turn / 2], -1)  # [n, 3] of each foot
-    wish = np.clip(wish, [-0.06, -0.07, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
+    most = np.array([0.06, 0.07, 0.15])  # [m, m, rad]
+    wish = np.clip(wish, -most, most)
     steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
     steps[..., 1] = np.maximum(steps[..., 1], 0)
     return to_action(steps, limits)
@@ -283,7 +282,7 @@ class FootstepWorld:
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
-        self.imu = imu  # is the tilt a part of what `look` returns?
+        self.columns = len(observation_table(imu))  # of what `look` returns; the IMU's are the last
         self.push = 0.0  # [m/s] Δv of the pushes
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
@@ -325,9 +324,9 @@ class FootstepWorld:
         self.goal[robots] = goals
         body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
         body.friction = np.where(np.isnan(friction), body.friction, friction)
+        self.friction[robots] = body.friction
         self.sim.reset(robots, body)
         self.engine.reset(robots)
-        self.friction[robots] = body.friction
         self.gyro_offset[robots] = [
             self.dice[i]["gyro"].uniform(-self.spread.gyro, self.spread.gyro, 2) for i in robots]
         self.estimate[robots] = 0
@@ -377,18 +376,18 @@ class FootstepWorld:
                 trajectory.push[row, first : first + PUSH_TICKS] = robot_model.turned(
                     np.array([force, 0]), angle)
 
-    def observe(self, robots, measured, imu=False):
-        """Observations [n, 20 or 25], float32, as in `observation_table`; measured goals [n, 3]."""
-        parts = [encode_goal(measured), 2 * self.actions[robots].reshape(-1, 12) - 1]
-        if imu:
-            std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
-            tilt = self._noisy("imu", self.tilt[robots], robots, self.noise * std)
-            parts.append(tilt / [0.25, 0.25, 1, 1, 1])  # units of the table
-        return np.clip(np.concatenate(parts, -1), *bounds(imu)).astype(np.float32)
+    def observe(self, robots, measured):
+        """Observations [n, 25], float32, as in `observation_table`; measured goals [n, 3]."""
+        std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
+        tilt = self._noisy("imu", self.tilt[robots], robots, self.noise * std)
+        tilt /= [0.25, 0.25, 1, 1, 1]  # units of the table
+        last = 2 * self.actions[robots].reshape(-1, 12) - 1
+        observation = np.concatenate([encode_goal(measured), last, tilt], -1)
+        return np.clip(observation, *bounds(imu=True)).astype(np.float32)
 
     def look(self, robots):
         """Observations [n, 20 or 25] after one more measurement."""
-        return self.observe(robots, self.measure(robots), self.imu)
+        return self.observe(robots, self.measure(robots))[:, : self.columns]
 
     def view(self, robots, measured):
         """What a planner may use for these robots, beside the measured goals [n, 3]."""
@@ -397,7 +396,7 @@ class FootstepWorld:
             limits=self.limits,
             neutral_action=self.neutral_action.copy(),
             actions=self.actions[robots],
-            observation=self.observe(robots, measured, imu=True))
+            observation=self.observe(robots, measured))
 
     def step(self, actions, robots):
         """One double step of these robots; actions [n, 6], clipped to [0, 1].
@@ -499,7 +498,7 @@ class FootstepEnv(gym.Env):
     def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepWorld
         self.render_mode = render_mode
         self.world = FootstepWorld(1, sim, cores=1, **settings)
-        self.observation_space, self.action_space = spaces(self.world.imu)
+        self.observation_space, self.action_space = spaces(settings.get("imu", False))
         self.close = self.world.close
 
     def reset(self, *, seed=None, options=None):
@@ -516,15 +515,14 @@ class FootstepEnv(gym.Env):
         result = self.world.step([action], [0])
         self.seen = result["motion"].torso[0, -1], result["motion"].joints[0, -1]
         info = {key: result[key].item() for key in ENDS}
-        info["reward_terms"] = {name: r.item() for name, r in result["reward_terms"].items()}
+        info["reward_terms"] = result["reward_terms"]  # [1] each
         terminated = info["success"] or info["fall"]
         reward = result["reward"].item()
         return self.world.look([0])[0], reward, terminated, info["timeout"], info
 
     def render(self):
         """The robot and its goal (a green star), uint8 [400, 400, 3]; the camera follows it."""
-        figure = plt.figure(figsize=(4, 4), dpi=100, layout="none")
-        axes = figure.add_axes((0, 0, 1, 1))
+        figure, axes = plt.subplots(figsize=(4, 4), dpi=100)
         view = robot_model.camera()
         robot_model.draw_ground(axes, view, 4)
         axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
@@ -565,12 +563,12 @@ def main():
     args = parser.parse()
     out = parser.folder(args)
     limits = LIMITS[args.sim]
-    print(f"{'observation':32s} {'unit':>22s} {'low':>7s} {'high':>7s}")
-    for name, unit, low, high in observation_table():
-        print(f"{name:32s} {unit:>22s} {low:7.1f} {high:7.1f}")
-    print(f"\n{'action (outward is positive)':32s} {'unit':>22s} {'0 is':>7s} {'1 is':>7s}")
+    line = "{:32} {:>22} {:>7} {:>7}"
+    for row in (("observation", "unit", "low", "high"), *observation_table()):
+        print(line.format(*row))
+    print(line.format("\naction (outward is positive) ", "unit", "0 is", "1 is"))
     for row in zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2):
-        print("{:32s} {:>22s} {:7.2f} {:7.2f}".format(*row))
+        print(line.format(*row))
 
     count, steps = 64, 60
     envs = FootstepVectorEnv(count, args.sim)
@@ -585,12 +583,12 @@ def main():
         for _ in range(steps):
             goals = envs.world.measure(envs.robots)
             *_, infos = envs.step(act(goals, limits))
-            rows.append(infos["reward_terms"])
-        paid = np.array([[*row.values()] for row in rows])  # [60, 7, 64]
-        arrived = np.array([row["r_goal"] > 0 for row in rows])  # [60, 64]
-        falls = np.sum([row["r_fall"] < 0 for row in rows])
-        means[planner] = paid.sum((0, 2)) / (arrived.sum() + falls)
-        print(f"{planner:13s}: {arrived.sum()} episodes at the goal, {falls} falls")
+            rows.append([*infos["reward_terms"].values()])
+        paid = np.array(rows)  # [60, 7, 64]
+        arrived = paid[:, 5] > 0  # [60, 64]
+        goals, falls = arrived.sum(), (paid[:, 4] < 0).sum()
+        means[planner] = paid.sum((0, 2)) / (goals + falls)
+        print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
     first = arrived.argmax(0)  # [64] the double step of the first arrival
     robot = first.argmax()  # it had the longest way

@@ -144,21 +144,26 @@ def test_many_goals_are_encoded_each_by_itself(shape):
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
-    world, robots = make(env.FootstepWorld, 3, sim, cores=1), np.array([0, 1, 2])
-    world.reset(robots, [env.stream("training", 0, i) for i in robots])
+    robots = np.array([0, 1, 2])
+    plain, more = (make(env.FootstepWorld, 3, sim, noise=True, cores=1, imu=imu)
+                   for imu in (False, True))
+    for world in (plain, more):
+        world.reset(robots, [env.stream("training", 0, i) for i in robots])
+    seen = plain.look(robots)
+    assert seen.shape == (3, 20), "the IMU is observed only when it is asked for"
+    equal(more.look(robots)[:, :20], seen)
+    world.noise = False
     goals = world.measure(robots)
     lean = 4 * world.engine.parameters.trunk_pitch
-    start = world.observe(robots, goals, imu=True)[:, 20:]
+    start = world.observe(robots, goals)[:, 20:]
     close(start, np.tile([0, lean, 0, 0, 0], (3, 1)), atol=1e-6, err_msg="it starts leaning ahead")
     motions = world.step(np.random.default_rng(7).uniform(0.3, 0.7, (3, 6)), robots)["motion"]
     goals = world.measure(robots)
-    plain, more = world.observe(robots, goals), world.observe(robots, goals, imu=True)
-    assert plain.shape == (3, 20), "the IMU is observed only when it is asked for"
-    equal(more[:, :20], plain)
+    more = world.observe(robots, goals)
     tilt = np.concatenate([4 * motions.torso[:, -1, 3:5], motions.spin], -1)
     close(more[:, 20:], tilt, atol=1e-5, err_msg="that of the LAST tick of the double step")
     world.tilt[1] = 0.1, -0.2, 1.0, -20.0, 3.0
-    got = world.observe(robots, goals, imu=True)[1, 20:]
+    got = world.observe(robots, goals)[1, 20:]
     close(got, [0.4, -0.8, 1.0, -10.0, 3.0], atol=1e-6, err_msg=(
         "roll, pitch in quarters of a radian, then the angular velocity x, y, z, clipped at 10"))
 
@@ -443,7 +448,7 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
         if sense == "goal":
             world.variance[:] = 1e12  # forget the last look, see `correct`
             return world.measure([0])[0]
-        return world.observe([0], goal, imu=True)[0, 20:] / [4, 4, 1, 1, 1]  # [rad], [rad/s]
+        return world.observe([0], goal)[0, 20:] / [4, 4, 1, 1, 1]  # [rad], [rad/s]
 
     close(look(exact), true, atol=1e-6)
     close([exact.measure([0])[0] for _ in range(2)], [goal[0]] * 2, err_msg="also a second look")
@@ -638,7 +643,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
             equal(world.friction, world.sim.body.friction)
             first(world)
             error = robot_model.wrap(world.measure(THREE) - world.relative_goal(THREE))
-            tilt = world.observe(THREE, np.ones((3, 3)), imu=True)[:, 20:]
+            tilt = world.observe(THREE, np.ones((3, 3)))[:, 20:]
             body = {name: values.copy() for name, values in vars(world.sim.body).items()}
             episodes.append({"goal": world.goal.copy(), "noise of the goal": error, **body,
                              "noise of the IMU": tilt, "of the gyro": world.gyro_offset.copy()})
