@@ -258,7 +258,6 @@ def correct(goal, variance, measured, noise):
 # twice does not change the ground.
 PURPOSES = ("goal", "world", "noise", "imu", "push", "gyro")
 PUSH_TICKS = 5  # how long a push lasts
-ENDS = ("success", "fall", "timeout", "time")  # what the info of an ended episode contains
 
 @dataclass(frozen=True)
 class View:
@@ -441,10 +440,6 @@ def fingerprint(sim, imu=False):
         "walk parameters": asdict(walk_engine.TUNED[sim])}
 
 # ------------------------------------------------------------------------ Gymnasium
-def spaces(imu):
-    """Observation and action space of one robot."""
-    return gym.spaces.Box(*bounds(imu)), gym.spaces.Box(0.0, 1.0, (6,), np.float32)
-
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished episode starts anew in the SAME step.
 
@@ -457,7 +452,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
                  **settings):
         self.num_envs = num_envs
         self.staggered = staggered  # the first episodes get less time, so they end one by one
-        self.single_observation_space, self.single_action_space = spaces(imu)
+        self.autoreset = True  # does a finished episode start anew?
+        self.single_observation_space = gym.spaces.Box(*bounds(imu))
+        self.single_action_space = gym.spaces.Box(0.0, 1.0, (6,), np.float32)
         self.observation_space = gym.vector.utils.batch_space(
             self.single_observation_space, num_envs)
         self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
@@ -469,56 +466,56 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
-        rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
+        rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
         if self.staggered:
             self.world.age[:] = self.np_random.integers(self.world.most_steps, size=self.num_envs)
         return self.world.look(self.robots), {}
 
     def step(self, actions):
-        """See `FootstepWorld.step`; infos hold the reward terms, and final_obs, final_info."""
+        """infos: the result of `FootstepWorld.step`, and final_obs, final_info."""
         result = self.world.step(actions, self.robots)
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
         observations = self.world.look(self.robots)
-        infos = {"reward_terms": result["reward_terms"]}
+        infos = result.copy()
         ended = terminated | truncated
-        if ended.any():
+        if self.autoreset and ended.any():
             infos["final_obs"] = observations.copy()
-            infos["final_info"] = {key: result[key] for key in ENDS}
+            infos["final_info"] = result
             infos["_final_obs"] = infos["_final_info"] = ended
             self.world.reset(self.robots[ended])
             observations[ended] = self.world.look(self.robots[ended])
         return observations, result["reward"], terminated, truncated, infos
 
 class FootstepEnv(gym.Env):
-    """One robot; the same world with N = 1. `gymnasium.wrappers.RecordVideo` can film it."""
+    """One robot of a `FootstepVectorEnv`. `gymnasium.wrappers.RecordVideo` can film it."""
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
-    def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepWorld
+    def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
-        self.world = FootstepWorld(1, sim, cores=1, **settings)
-        self.observation_space, self.action_space = spaces(settings.get("imu", False))
-        self.close = self.world.close
+        self.envs = FootstepVectorEnv(1, sim, cores=1, **settings)
+        self.envs.autoreset = False
+        self.world = self.envs.world
+        self.observation_space = self.envs.single_observation_space
+        self.action_space = self.envs.single_action_space
+        self.close = self.envs.close
 
     def reset(self, *, seed=None, options=None):
-        """A new episode; options["goal"] = (x, y, yaw) sets its goal."""
+        """A new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
         super().reset(seed=seed)
-        rngs = () if seed is None else [stream("training", seed)]  # as the vector's robot 0
-        goal = (options or {}).get("goal")
-        self.world.reset([0], rngs, None if goal is None else [goal])
+        observations, info = self.envs.reset(seed=seed, options=options)
         self.seen = self.world.engine.stance  # the robot as it is drawn: torso [6], joints [12]
-        return self.world.look([0])[0], {}
+        return observations[0], info
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
-        result = self.world.step([action], [0])
-        self.seen = result["motion"].torso[0, -1], result["motion"].joints[0, -1]
-        info = {key: result[key].item() for key in ENDS}
-        info["reward_terms"] = result["reward_terms"]  # [1] each
-        terminated = info["success"] or info["fall"]
-        reward = result["reward"].item()
-        return self.world.look([0])[0], reward, terminated, info["timeout"], info
+        observations, *results, infos = self.envs.step([action])
+        motion = infos["motion"]
+        self.seen = motion.torso[0, -1], motion.joints[0, -1]
+        info = {key: infos[key][0] for key in ("success", "fall", "timeout", "time")}
+        info["reward_terms"] = {name: r[0] for name, r in infos["reward_terms"].items()}
+        return observations[0], *(result.item() for result in results), info
 
     def render(self):
         """The robot and its goal (a green star), uint8 [400, 400, 3]; the camera follows it."""

@@ -84,7 +84,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
             assert info.pop("reward_terms") == {k: v[i] for k, v in infos["reward_terms"].items()}
             if done or cut:
                 equal(infos["final_obs"][i], last)
-                assert info == {name: values[i] for name, values in infos["final_info"].items()}
+                assert info == {name: infos["final_info"][name][i] for name in info}
                 fell.append(info["fall"])
                 last, _ = one.reset()  # no seed: its generator goes on
             equal(got[i], last, err_msg="all is drawn by the robot's own generator, equally often")
@@ -717,7 +717,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
     goal = np.array([0.7, -0.2, 1.0])
     end = goal + [[x * 0.6, x * 0.8, math.radians(yaw_deg)]]
     for seed in range(3):
-        one.reset(seed=seed, options={"goal": goal})
+        one.reset(seed=seed, options={"goals": [goal]})
         for falls in (False, fell):  # two double steps that end there
             monkeypatch.setattr(one.world.sim, "run", lambda *_, f=falls: motion(end, [f]))
             _, _, terminated, truncated, info = one.step(one.world.neutral_action)
