@@ -141,7 +141,7 @@ class RobotModel:
     @property
     def damping(self):
         """Back-EMF of the motors of a leg, shape [6] [N m s/rad]: torque limit / speed limit."""
-        return np.array(self.torque_limit) / np.array(self.speed_limit)
+        return np.divide(self.torque_limit, self.speed_limit)
 
 @dataclass
 class Body:
@@ -184,21 +184,20 @@ def turned(vector, yaw):
 def compose(base, pose):
     """The pose [..., 3] (x, y, yaw) given in the frame `base` [..., 3], seen from outside."""
     place = base[..., :2] + turned(pose[..., :2], base[..., 2])
-    yaw = base[..., 2] + pose[..., 2]
-    return np.concatenate([place, yaw[..., None]], -1)
+    yaw = base[..., 2:] + pose[..., 2:]  # [..., 1]
+    return np.concatenate([place, yaw], -1)
 
 def relative(base, pose):
     """The pose [..., 3] seen from the frame `base` [..., 3]; inverse of `compose`."""
-    place = turned(pose[..., :2] - base[..., :2], -base[..., 2])
-    yaw = pose[..., 2] - base[..., 2]
-    return np.concatenate([place, yaw[..., None]], -1)
+    away = pose - base
+    place = turned(away[..., :2], -base[..., 2])
+    return np.concatenate([place, away[..., 2:]], -1)
 
 # ------------------------------------------------------------------------ leg kinematics
 def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] in, matrices [..., 3, 3] out."""
-    cr, sr = np.cos(roll), np.sin(roll)
-    cp, sp = np.cos(pitch), np.sin(pitch)
-    cy, sy = np.cos(yaw), np.sin(yaw)
+    cr, cp, cy = np.cos([roll, pitch, yaw])
+    sr, sp, sy = np.sin([roll, pitch, yaw])
     rows = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
             sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
             -sp, cp * sr, cp * cr]
@@ -211,13 +210,12 @@ def leg_points(robot, joints):
     ahead of the ankle at the height of the sole; and the foot's rotation [..., 3, 3]
     = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
     """
-    yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(np.asarray(joints), -1, 0)
+    yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(joints, -1, 0)
     zero = np.zeros_like(yaw)
     hip_turn = rotation(roll, zero, yaw)  # [..., 3, 3]
     thigh_turn = hip_turn @ rotation(zero, pitch, zero)
     shin_turn = hip_turn @ rotation(zero, pitch + knee, zero)
-    flat_turn = hip_turn @ rotation(zero, pitch + knee + ankle_pitch, zero)
-    foot_turn = flat_turn @ rotation(ankle_roll, zero, zero)
+    foot_turn = hip_turn @ rotation(ankle_roll, pitch + knee + ankle_pitch, zero)
     knee_point = -robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     ankle = knee_point - robot.shin_length * shin_turn[..., 2]
     heel = ankle + foot_turn @ np.array([-robot.foot_back, 0, -robot.ankle_height])
@@ -261,18 +259,14 @@ def leg_inverse(robot, position, foot_turn):
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
-    # (m_xy: row x, column y of M)
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
     #     | −cos roll·sin s       sin roll       cos roll·cos s |
-    cos, sin = np.cos(ankle_roll), np.sin(ankle_roll)
-    m_xy, m_yy, m_zy = np.moveaxis(
-        cos[..., None] * foot_turn[..., 1] - sin[..., None] * foot_turn[..., 2], -1, 0)
-    m_zx = foot_turn[..., 2, 0]  # a roll leaves the first column alone
-    m_zz = sin * foot_turn[..., 2, 1] + cos * foot_turn[..., 2, 2]
-    yaw = np.arctan2(-m_xy, m_yy)
-    roll = np.arcsin(np.clip(m_zy, -1, 1))
-    pitch = np.arctan2(-m_zx, m_zz) - knee - ankle_pitch
+    zero = np.zeros_like(ankle_roll)
+    M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
+    yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
+    roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
+    pitch = np.arctan2(-M[..., 2, 0], M[..., 2, 2]) - knee - ankle_pitch
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
@@ -305,7 +299,8 @@ def body_points(robot, torso, joints):
     base = rotation(*np.moveaxis(torso[..., 3:], -1, 0))[..., None, :, :]  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
     points = points + robot.hips[:, None]
-    world = (base[..., None, :, :] @ points[..., None])[..., 0] + torso[..., None, None, :3]
+    # A row of points p is turned by p·Rᵀ, which is the row of all R·p.
+    world = points @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
     return world, base @ foot_turn
 
 def stance(robot, height=0.395, foot_distance=0.18, pitch=0.1, planar=False, x_offset=0.0):
