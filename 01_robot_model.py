@@ -333,6 +333,13 @@ def reflex(robot, trajectory, tick, end, spin):
     return added.reshape(*turn.shape[:2], 12)
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
+def inertial(link, side=1):
+    """A link's mass in MuJoCo's model language; side −1 mirrors its place."""
+    x, y, z = link.com
+    xx, yy, zz = link.inertia
+    return (f'<inertial mass="{link.mass}" pos="{x} {side * y} {z}" '
+            f'diaginertia="{xx} {yy} {zz}"/>')
+
 def leg_xml(robot, leg, side):
     """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
 
@@ -340,37 +347,29 @@ def leg_xml(robot, leg, side):
     """
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
-    def inertial(link):
-        x, y, z = link.com
-        return (f'<inertial pos="{x} {side * y} {z}" mass="{link.mass}" '
-                f'diaginertia="{numbers(link.inertia)}"/>')
-
     def joint(k):
-        return (f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" armature="{robot.armature}" '
-                f'range="{robot.joint_min[k]} {robot.joint_max[k]}" damping="{robot.damping[k]}"/>')
+        return (f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
+                f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>')
 
-    length = robot.foot_front + robot.foot_back
-    size = numbers([length / 2, robot.foot_width / 2, robot.sole_height / 2])  # half of each side
-    place = numbers([(robot.foot_front - robot.foot_back) / 2, side * robot.foot_outward,
-                     robot.sole_height / 2 - robot.ankle_height])
+    # The sole: x, y, z of its centre, seen from the ankle, and half of each side [m].
+    place = (f"{(robot.foot_front - robot.foot_back) / 2} {side * robot.foot_outward} "
+             f"{robot.sole_height / 2 - robot.ankle_height}")
+    size = (f"{(robot.foot_front + robot.foot_back) / 2} {robot.foot_width / 2} "
+            f"{robot.sole_height / 2}")
     return f"""
       <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
-        {inertial(robot.hip)} {joint(0)} {joint(1)}
+        {inertial(robot.hip, side)} {joint(0)} {joint(1)}
         <body name="{leg} thigh">
-          {inertial(robot.thigh)} {joint(2)}
+          {inertial(robot.thigh, side)} {joint(2)}
           <body name="{leg} shin" pos="0 0 {-robot.thigh_length}">
-            {inertial(robot.shin)} {joint(3)}
+            {inertial(robot.shin, side)} {joint(3)}
             <body name="{leg} foot" pos="0 0 {-robot.shin_length}">
-              {inertial(robot.foot)} {joint(4)} {joint(5)}
+              {inertial(robot.foot, side)} {joint(4)} {joint(5)}
               <geom name="{leg} sole" type="box" size="{size}" pos="{place}"/>
             </body>
           </body>
         </body>
       </body>"""
-
-def numbers(values):
-    """Values as a text, with spaces between them."""
-    return " ".join(map(str, values))
 
 def mujoco_model(robot):
     """The robot as a MuJoCo model. Each motor is a position servo (it drives its joint to a target
@@ -386,18 +385,17 @@ def mujoco_model(robot):
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: aids of the solver. It is faster here without them.
     contype 0: only the three listed pairs of shapes can touch.
-    condim 3: a contact has one normal force and two friction forces.
+    condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
+        three numbers of `friction` are for turning and rolling: condim 4 and 6.)
     """
     import mujoco
 
     mu = robot.friction
-    motors = pairs = ""
+    motors = ""
     for leg in ("left", "right"):
-        pairs += (f'<pair geom1="ground" geom2="{leg} sole" condim="3" '
-                  f'friction="{mu} {mu} 0 0 0"/>')
         for name, limit in zip(JOINTS, robot.torque_limit):
             motors += (f'<position name="{leg} {name}" joint="{leg} {name}" '
-                       f'kp="{robot.stiffness}" forcerange="{-limit} {limit}"/>')
+                       f'forcerange="{-limit} {limit}"/>')
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <compiler angle="radian"/>
@@ -405,19 +403,25 @@ def mujoco_model(robot):
               integrator="implicitfast" cone="elliptic">
         <flag warmstart="disable" island="disable"/>
       </option>
-      <default> <geom contype="0" conaffinity="0"/> </default>
+      <default>
+        <geom contype="0" conaffinity="0"/>
+        <pair condim="3" friction="{mu} {mu} 0 0 0"/>
+        <joint armature="{robot.armature}"/>
+        <position kp="{robot.stiffness}"/>
+      </default>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>
         <body name="torso">
           <freejoint/>
-          <inertial pos="{numbers(robot.torso.com)}" mass="{robot.torso.mass}"
-                    diaginertia="{numbers(robot.torso.inertia)}"/>
+          {inertial(robot.torso)}
           {leg_xml(robot, "left", 1)} {leg_xml(robot, "right", -1)}
         </body>
       </worldbody>
       <actuator> {motors} </actuator>
       <contact>
-        {pairs} <pair geom1="left sole" geom2="right sole" condim="3" friction="{mu} {mu} 0 0 0"/>
+        <pair geom1="ground" geom2="left sole"/>
+        <pair geom1="ground" geom2="right sole"/>
+        <pair geom1="left sole" geom2="right sole"/>
       </contact>
     </mujoco>""")
 
@@ -448,12 +452,11 @@ class MujocoSim:
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
         torso, joints = standing
-        self.mujoco = mujoco
         self.robot = robot
         self.model = mujoco_model(robot)
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
-        self.pool = mujoco.rollout.Rollout(nthread=cores if cores > 1 else 0)  # 0: no thread
+        self.pool = mujoco.rollout.Rollout(nthread=cores)
         self.standing_height = torso[2]
         # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
         turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
@@ -466,6 +469,8 @@ class MujocoSim:
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
+        import mujoco
+
         self.state[robots] = self.start
         self.control[robots] = self.start[self.ANGLES]
         if body is None:
@@ -473,15 +478,14 @@ class MujocoSim:
         self.delay[robots] = body.delay
         for row, i in enumerate(robots):
             self.models[i] = model = copy.copy(self.model)
-            mass = np.append(1.0, body.mass[row])  # as MuJoCo's bodies, the world is the first
-            model.body_mass[:] *= mass
-            model.body_inertia[:] *= mass[:, None]
+            model.body_mass[1:] *= body.mass[row]  # MuJoCo's body 0 is the world
+            model.body_inertia[1:] *= body.mass[row, :, None]
             model.pair_friction[:, :2] = body.friction[row]
             # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
             model.actuator_gainprm[:, 0] *= body.stiffness[row]
             model.actuator_biasprm[:, 1] *= body.stiffness[row]
             model.dof_frictionloss[6:] = body.stiction[row]
-            self.mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
+            mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -494,28 +498,28 @@ class MujocoSim:
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models = [self.models[i] for i in robots]
         ticks = rate.shape[1]
-        # A rollout for every reading of the gyro; without a reflex a single one.
-        every = READ_EVERY if trajectory.support.any() else ticks
         parts = []
-        for t in range(0, ticks, every):
-            end = min(t + every, ticks)
+        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
+            end = min(t + READ_EVERY, ticks)
             turning = state[:, self.SPIN][:, :2]
             now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
             self.control[robots] = now[:, -1]
             now = np.where(self.delay[robots, None, None], late, now)
-            # After the controls come force and torque on every body; the torso is body 1.
-            outer = np.zeros((*now.shape[:2], 6 * self.model.nbody))
-            outer[..., 6:8] = trajectory.push[:, t:end]
-            inputs = np.repeat(np.concatenate([now, outer], -1), robot.substeps, axis=1)
+            # 12 targets; then force and torque on every body, 6 numbers each: the torso is body 1.
+            inputs = np.zeros((*now.shape[:2], 12 + 6 * self.model.nbody))
+            inputs[..., :12] = now
+            inputs[..., 18:20] = trajectory.push[:, t:end]
+            inputs = np.repeat(inputs, robot.substeps, axis=1)
             states, _ = self.pool.rollout(
                 models, self.data, state, inputs, control_spec=self.inputs)
             parts.append(states)
             state = states[:, -1]
         states = np.concatenate(parts, 1)  # [n, T·substeps, 38]
-        # MuJoCo puts a diverged robot back to its start, at time 0. We count this as a fall.
+        # MuJoCo checks every step: a state that is not finite, or huge, goes back to the start, at
+        # time 0. We count this as a fall.
         passed = states[:, -1, self.TIME] - start[:, self.TIME]  # [n] [s]
-        lost = ~np.isfinite(states).all((1, 2)) | (passed < ticks * robot.control_dt - 1e-6)
+        lost = passed < ticks * robot.control_dt - 1e-6
         states[lost] = start[lost, None]
         self.state[robots] = states[:, -1]
         seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks

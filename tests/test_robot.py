@@ -699,7 +699,7 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     plans, standing = walking(name, 4, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
     for plan in disturbed(plans):
-        plan.support[2] = 0  # without reflex: alone it needs one long run instead of many
+        plan.support[2] = 0  # one of them without the reflex
     spread, one, fresh = sims = [make_sim(name, 4, cores, standing) for cores in (2, 1, 1)]
     for sim in sims:
         sim.reset(np.array([2, 3, 0, 1]), bodies(4, **SPREAD, delay=1))
