@@ -285,7 +285,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     ankle = np.stack([seen[..., 0], seen[..., 1], height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
     zero = np.zeros_like(height)
-    lean = rotation(trunk[..., 3], trunk[..., 4], zero[..., 0])[..., None, :, :]  # [..., 1, 3, 3]
+    lean = rotation(trunk[..., None, 3], trunk[..., None, 4], zero[..., :1])  # [..., 1, 3, 3]
     ankle = np.einsum("...ji,...j->...i", lean, ankle)
     foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, seen[..., 2])
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
@@ -446,7 +446,7 @@ class MujocoSim:
     ANGLES = slice(8, 20)
     SPIN = slice(23, 26)
 
-    def __init__(self, num_robots, standing, robot=RobotModel(), cores=1):
+    def __init__(self, num_robots, standing, robot, cores):
         import mujoco.rollout  # only here: everything else works without MuJoCo
 
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
@@ -464,8 +464,7 @@ class MujocoSim:
         self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
         self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
-        kinds = mujoco.mjtState
-        self.inputs = kinds.mjSTATE_CTRL | kinds.mjSTATE_XFRC_APPLIED
+        self.inputs = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
@@ -567,13 +566,13 @@ class PymunkSim:
     ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
-    def __init__(self, num_robots, standing, robot=RobotModel()):
+    def __init__(self, num_robots, standing, robot):
         self.robot = robot
         self.links = planar_links(robot)
         self.standing = standing
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
         # bear the torque r·μ·F.
-        middles = (np.arange(50) + 0.5) / 50 - 0.5
+        middles = np.linspace(-0.49, 0.49, 50)  # of strips, as a share of the length or width
         length = robot.foot_front + robot.foot_back
         # all pairs of x and y  [50, 50] -> r [m]
         self.sole_radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
@@ -587,9 +586,11 @@ class PymunkSim:
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
         self.body = Body(  # of all N robots: as the model
-            friction=np.full(num_robots, robot.friction), mass=np.ones((num_robots, 9)),
-            stiffness=np.ones((num_robots, 12)), stiction=np.zeros((num_robots, 12)),
-            delay=np.zeros(num_robots, int))
+            np.full(num_robots, robot.friction),
+            np.ones((num_robots, 9)),  # mass
+            np.ones((num_robots, 12)),  # stiffness
+            np.zeros((num_robots, 12)),  # stiction
+            np.zeros(num_robots, int))  # delay
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
@@ -648,22 +649,23 @@ class PymunkSim:
                 index = joint % 6  # in its leg
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
-                left = robot.torque_limit[index] - self.body.stiction[i, joint]
-                motor.max_force = max(0, left)
+                motor.max_force = max(0, robot.torque_limit[index] - self.body.stiction[i, joint])
                 space.add(motor, pymunk.PivotJoint(parent, body, point), pymunk.RotaryLimitJoint(
                     parent, body, -robot.joint_max[index], -robot.joint_min[index]))
                 motors.append(motor)
         return space, motors
 
     def _read(self, robots):
-        """States [n, 7, 6] of the bodies of these robots; all spaces in one buffer, for speed."""
+        """States [n, 7, 6] of the bodies of these robots, a view until the next reading; all spaces
+        in one buffer, for speed.
+        """
         fields = pymunk.batch.BodyFields
         wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
         for i in robots:
             pymunk.batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
         states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)
-        return states[:, 1:].copy()  # the first body is the ground
+        return states[:, 1:]  # the first body is the ground
 
     def _angles(self, bodies):
         """Sagittal joint angles [..., 6] of bodies [..., 7, 6]: pitch of a link − its parent's."""
@@ -672,7 +674,6 @@ class PymunkSim:
 
     def run(self, trajectory, robots):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        robots = np.asarray(robots, int)
         seen = self._run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
@@ -720,7 +721,7 @@ class PymunkSim:
             error = now[:, 0] - self._angles(seen[:, t])
             speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
             pushes = trajectory.push[:, t, 0].tolist()
-            for i, row, push in zip(robots.tolist(), speeds.tolist(), pushes):
+            for i, row, push in zip(robots, speeds.tolist(), pushes):
                 for motor, speed in zip(self.motors[i], row):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
@@ -729,7 +730,7 @@ class PymunkSim:
             seen[:, t + 1] = self._read(robots)
             lost = ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))  # diverged; nan < 1e4 is False, too
             seen[lost, t + 1] = seen[lost, t]  # where it was last seen
-            self.lost[robots[lost]] = True
+            self.lost[robots] |= lost
         self.bodies[robots] = seen[:, -1]
         return seen
 
@@ -742,15 +743,14 @@ class PymunkSim:
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
         masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
-        ahead, up = np.moveaxis((change * masses[:, None, :, None]).sum(2), -1, 0)
+        ahead, up = np.einsum("nb,ntbk->knt", masses, change)
         # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
         grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
-        yaw = np.repeat(self.pose[robots, 2:], turn.shape[1] + 1, 1)
+        yaw = np.repeat(self.pose[robots, 2:], seen.shape[1], 1)
         rate = self.yaw_rate[robots]  # [n] ψ̇
         lag = self.yaw_lag[robots]  # [n] e
-        for t in range(turn.shape[1]):
-            bound = bounds[:, t]
+        for t, bound in enumerate(bounds.T):
             # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
             torque = np.clip(k * lag + c * (turn[:, t] / dt - rate), -bound, bound)
             rate = rate + torque / robot.yaw_inertia * dt
@@ -821,14 +821,15 @@ def draw_ground(axes, view, size=2):
 
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, foot_turn = body_points(robot, torso, joints)
-    hip, knee, ankle = np.moveaxis(points[:, :, :3], 2, 0)  # [K, 2, 3] left, right
-    # Thigh and shin have their centres in the middle. (Both feet's parts outward cancel.)
-    trunk = torso[:, None, :3] + rotation(*torso[:, 3:].T)[:, None] @ robot.torso.com
-    x, _, z = robot.foot.com
-    places = [trunk, hip, (hip + knee) / 2, (knee + ankle) / 2, ankle + foot_turn @ [x, 0, z]]
-    legs = np.repeat([robot.hip.mass, robot.thigh.mass, robot.shin.mass, robot.foot.mass], 2)
-    return np.average(np.concatenate(places, 1), 1, np.append(robot.torso.mass, legs))
+    points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3] hip, knee, ankle, heel, toe
+    trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
+    # The centres of thigh and shin are in their middle, so each end gets half of the mass. That of
+    # a foot is a third of the way from the ankle to the sole, between heel and toe (within 2 mm).
+    thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
+    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot * 2 / 3,
+             foot / 6, foot / 6]  # [5] [kg]
+    legs = (parts @ points).sum(1)  # [K, 3] both
+    return (robot.torso.mass * trunk + legs) / (robot.torso.mass + 2 * sum(parts))
 
 def main():
     parser = StageParser(__doc__)
@@ -836,18 +837,19 @@ def main():
     out = parser.folder(args)
     robot = RobotModel()
     count = 64
+    everybody = np.arange(count)
     standing = stance(robot, planar=args.sim == "pymunk")
-    sim = make_sim(args.sim, count, standing, robot)
+    sim = make_sim(args.sim, count, standing)
     rng = np.random.default_rng(args.seed)
     leans = rng.uniform(0.1, 0.5, count)  # [rad]
-    seconds = np.arange(0, 10 + 1e-9, robot.control_dt)  # [T + 1]
-    stand = np.tile(standing[1], (count, len(seconds), 1))  # [N, T + 1, 12]
+    stand = np.tile(standing[1], (count, 1001, 1))  # [N, T + 1, 12] for 10 s
     joints = stand.copy()
     # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
     # right, tilts all the rest forward.
-    joints[..., [4, 10]] -= (leans[:, None] * np.clip((seconds - 1) / 8, 0, 1))[..., None]
-    trunk = np.zeros((count, len(seconds), 6))
-    none = np.zeros((count, len(seconds) - 1, 2))  # neither reflex nor push
+    share = np.clip(np.linspace(-1, 9, 1001) / 8, 0, 1)  # [T + 1] of the lean
+    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    trunk = np.zeros_like(stand[..., :6])
+    none = np.zeros_like(stand[:, 1:, :2])  # neither reflex nor push
     # What is drawn at random, unit, sizes; targets, pushes; camera; the edge to fall over [m].
     cases = [("lean", "rad", leans, joints, none, camera(-90, 10), robot.foot_front)]
     if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
@@ -858,18 +860,18 @@ def main():
         cases.append(("push to the side", "m/s", speeds, stand, push, camera(0, 10), edge))
     figure, panels = plt.subplots(1, len(cases), figsize=(6 * len(cases), 4.5), squeeze=False)
     for (name, unit, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
-        sim.reset(np.arange(count))
-        motion = sim.run(Trajectory(joints, trunk, none, none, push), np.arange(count))
+        sim.reset(everybody)
+        motion = sim.run(Trajectory(joints, trunk, none, none, push), everybody)
         i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
         size = f"{sizes[i]:.2f} {unit}"
         print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {size}")
         down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
-        seven = np.linspace(down - 59, down, 7).astype(int)
+        seven = down + np.arange(-60, 1, 10)  # [ticks]
         moments = motion.torso[i, seven], motion.joints[i, seven]
         draw_ground(axes, view, 0.5)
         draw_robots(axes, robot, *moments, view)
         _, right, up = view @ centre_of_mass(robot, *moments).T
-        axes.plot(right, up, "k.-", lw=1, label="centre of mass")
+        axes.plot(right, up, "k.-", label="centre of mass")
         axes.axvline(edge, color="black", ls=":", label="edge of the sole")
         axes.legend(loc="lower right")
         axes.set(title=f"The last 0.6 s of a fall: {name} {size}\n"
