@@ -95,8 +95,8 @@ def quintic(start, end, duration):
 
     start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s].
     """
-    p0, v0, a0 = np.moveaxis(np.asarray(start, float), -1, 0)
-    p1, v1, a1 = np.moveaxis(np.asarray(end, float), -1, 0)
+    p0, v0, a0 = np.moveaxis(start, -1, 0)
+    p1, v1, a1 = np.moveaxis(end, -1, 0)
     D = duration
     # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. At t = D the others must supply what is missing:
     p = p1 - p0 - v0 * D - a0 * D**2 / 2
@@ -281,7 +281,7 @@ def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
                 watch(engine, motion)
         wanted[:, k + 1] = engine.feet.mean(1)
     simulator.close()
-    poses[..., 2] = np.unwrap(poses[..., 2], axis=1)
+    poses[..., 2] = np.unwrap(poses[..., 2])
     return poses, wanted, fall
 
 # ------------------------------------------------------------------------ demonstration
@@ -310,10 +310,9 @@ def pushed(sim, parameters, speed):
             for name in ("torso", "joints")]
 
 def plot_push(robot, torso, joints, path, title):
-    """Tilt over time, and both robots at five moments; torso [2, T, 6], joints [2, T, 12]."""
+    """Tilt over time, both robots every 0.5 s from 0.4 s on; torso [2, T, 6], joints [2, T, 12]."""
     figure, (chart, *panels) = plt.subplots(1, 3, figsize=(14, 4))
     tilt = np.degrees(np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4])))  # as in `fallen`
-    ticks = np.linspace(40, torso.shape[1] - 1, 5).astype(int)  # from 0.4 s on
     view = robot_model.camera(-70, 10)
     names = "with the reflex", "without the reflex"
     chart.set_prop_cycle(color=["tab:green", "tab:red"], ls=["-", "--"])
@@ -321,7 +320,7 @@ def plot_push(robot, torso, joints, path, title):
     chart.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
     chart.axvspan(0.72, 0.77, color="0.85", label="push")
     chart.legend()
-    for panel, name, pose, angles in zip(panels, names, torso[:, ticks], joints[:, ticks]):
+    for panel, name, pose, angles in zip(panels, names, torso[:, 40::50], joints[:, 40::50]):
         robot_model.draw_ground(panel, view, 1)
         robot_model.draw_robots(panel, robot, pose, angles, view)
         panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
@@ -376,9 +375,9 @@ def main():
     plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
     poses, wanted, fall = walk(sim, parameters, plans)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
-    for name, asked, walked, when in zip(WALKS, wanted, poses, fall):
-        a, b = ("{:5.2f} {:5.2f} {:5.2f}".format(*path[-1]) for path in (asked, walked))
-        print(f"{name:14s} {a:31s} {b:20s} {'yes' if when < 8 else 'no'}")
+    for name, a, b, when in zip(WALKS, wanted[:, -1], poses[:, -1], fall):
+        print(f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
+              f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}")
     plot_walks(poses, wanted, out / "02_walk.png", f"Eight double steps ({sim}), seen from above")
     torso, joints = pushed(sim, parameters, 0.6)
     plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
