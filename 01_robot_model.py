@@ -201,7 +201,7 @@ def rotation(roll, pitch, yaw):
     rows = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
             sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
             -sp, cp * sr, cp * cr]
-    return np.stack(rows, -1).reshape(*np.shape(roll), 3, 3)
+    return np.stack(rows, -1).reshape(*cr.shape, 3, 3)
 
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
@@ -276,18 +276,19 @@ def body_inverse(robot, trunk, feet, planar=False):
     trunk [..., 6]: x, y, z, roll, pitch, yaw; feet [..., 2, 4]: x, y, z of the point of the sole
     below the ankle, yaw.
     """
-    # Feet seen from a level frame at the trunk that turns with it: x, y, yaw. [..., 2, 3]
+    # Feet seen from a level frame at the trunk that turns with it  [..., 2] each
     seen = relative(trunk[..., None, [0, 1, 5]], feet[..., [0, 1, 3]])
+    x, y, yaw = np.moveaxis(seen, -1, 0)
     if planar:
-        seen[..., 1] = robot.hips[:, 1]
-        seen[..., 2] = 0.0
-    height = feet[..., 2] + robot.ankle_height - trunk[..., None, 2]  # [..., 2] ankle above trunk
-    ankle = np.stack([seen[..., 0], seen[..., 1], height], -1)  # [..., 2, 3]
+        y[:] = robot.hips[:, 1]
+        yaw[:] = 0.0
+    height = feet[..., 2] + robot.ankle_height - trunk[..., None, 2]  # ankle above trunk
+    ankle = np.stack([x, y, height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
     zero = np.zeros_like(height)
     lean = rotation(trunk[..., None, 3], trunk[..., None, 4], zero[..., :1])  # [..., 1, 3, 3]
     ankle = np.einsum("...ji,...j->...i", lean, ankle)
-    foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, seen[..., 2])
+    foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
@@ -296,7 +297,7 @@ def body_points(robot, torso, joints):
 
     torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12].
     """
-    base = rotation(*np.moveaxis(torso[..., 3:], -1, 0))[..., None, :, :]  # [..., 1, 3, 3]
+    base = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
     points = points + robot.hips[:, None]
     # A row of points p is turned by p·Rᵀ, which is the row of all R·p.
@@ -343,7 +344,8 @@ def inertial(link, side=1):
 def leg_xml(robot, leg, side):
     """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
 
-    Every body has its mass, its joints (to the body around it) and, the foot, its sole.
+    Every body has its mass, its joints (to the body around it) and, the foot, its sole: a box with
+    pos, its centre seen from the ankle, and size, half of each side [m].
     """
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
@@ -351,11 +353,6 @@ def leg_xml(robot, leg, side):
         return (f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
                 f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>')
 
-    # The sole: x, y, z of its centre, seen from the ankle, and half of each side [m].
-    place = (f"{(robot.foot_front - robot.foot_back) / 2} {side * robot.foot_outward} "
-             f"{robot.sole_height / 2 - robot.ankle_height}")
-    size = (f"{(robot.foot_front + robot.foot_back) / 2} {robot.foot_width / 2} "
-            f"{robot.sole_height / 2}")
     return f"""
       <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
         {inertial(robot.hip, side)} {joint(0)} {joint(1)}
@@ -365,7 +362,11 @@ def leg_xml(robot, leg, side):
             {inertial(robot.shin, side)} {joint(3)}
             <body name="{leg} foot" pos="0 0 {-robot.shin_length}">
               {inertial(robot.foot, side)} {joint(4)} {joint(5)}
-              <geom name="{leg} sole" type="box" size="{size}" pos="{place}"/>
+              <geom name="{leg} sole" type="box"
+                    pos="{(robot.foot_front - robot.foot_back) / 2} {side * robot.foot_outward}
+                         {robot.sole_height / 2 - robot.ankle_height}"
+                    size="{(robot.foot_front + robot.foot_back) / 2} {robot.foot_width / 2}
+                          {robot.sole_height / 2}"/>
             </body>
           </body>
         </body>
@@ -390,7 +391,6 @@ def mujoco_model(robot):
     """
     import mujoco
 
-    mu = robot.friction
     motors = ""
     for leg in ("left", "right"):
         for name, limit in zip(JOINTS, robot.torque_limit):
@@ -405,7 +405,7 @@ def mujoco_model(robot):
       </option>
       <default>
         <geom contype="0" conaffinity="0"/>
-        <pair condim="3" friction="{mu} {mu} 0 0 0"/>
+        <pair condim="3" friction="{robot.friction} {robot.friction} 0 0 0"/>
         <joint armature="{robot.armature}"/>
         <position kp="{robot.stiffness}"/>
       </default>
@@ -516,9 +516,8 @@ class MujocoSim:
             state = states[:, -1]
         states = np.concatenate(parts, 1)  # [n, T·substeps, 38]
         # MuJoCo checks every step: a state that is not finite, or huge, goes back to the start, at
-        # time 0. We count this as a fall.
-        passed = states[:, -1, self.TIME] - start[:, self.TIME]  # [n] [s]
-        lost = passed < ticks * robot.control_dt - 1e-6
+        # time 0, so that it ends too early. We count this as a fall.
+        lost = states[:, -1, self.TIME] < start[:, self.TIME] + ticks * robot.control_dt - 1e-6
         states[lost] = start[lost, None]
         self.state[robots] = states[:, -1]
         seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks
@@ -611,13 +610,14 @@ class PymunkSim:
         """A space with ground and standing robot i, and the robot's six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
-        space.gravity = (0, -robot.gravity)
+        space.gravity = 0, -robot.gravity
         space.iterations = robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
-        ground = pymunk.Segment(pymunk.Body(0, 0, pymunk.Body.KINEMATIC), (-1e4, -1), (1e4, -1), 1)
+        still = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
+        ground = pymunk.Segment(still, (-1e4, -1), (1e4, -1), 1)
         ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
-        space.add(ground.body, ground)  # it never moves, and takes 66 kB less than a static body
+        space.add(still, ground)  # it never moves, and takes 66 kB less than a static body
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
         points = np.vstack([torso[[0, 2]], legs]).tolist()  # [7, 2] upper joint of each body
         pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
@@ -659,13 +659,12 @@ class PymunkSim:
         """States [n, 7, 6] of the bodies of these robots, a view until the next reading; all spaces
         in one buffer, for speed.
         """
-        fields = pymunk.batch.BodyFields
-        wanted = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
+        everything = pymunk.batch.BodyFields.ALL
         self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
         for i in robots:
-            pymunk.batch.get_space_bodies(self.spaces[i], wanted, self.buffer)
-        states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 6)
-        return states[:, 1:]  # the first body is the ground
+            pymunk.batch.get_space_bodies(self.spaces[i], everything, self.buffer)
+        states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 9)
+        return states[:, 1:, :6]  # without the ground; without force and torque
 
     def _angles(self, bodies):
         """Sagittal joint angles [..., 6] of bodies [..., 7, 6]: pitch of a link − its parent's."""
@@ -684,7 +683,7 @@ class PymunkSim:
         x = x + down * np.sin(angle)
         z = z - down * np.cos(angle)
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
-        place = self.pose[robots, None, :2] + np.cumsum(turned(moved, yaw[:, :-1]), 1)
+        place = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
         others = np.stack([z, 0 * z, -angle, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
         torso = np.concatenate([place, others], -1)  # [n, T, 6]
         self.pose[robots] = torso[:, -1, [0, 1, 5]]
@@ -816,7 +815,7 @@ def draw_ground(axes, view, size=2):
     for u in np.arange(-size, size + 0.01, 0.25):
         for line in ([u, u], [-size, size]), ([-size, size], [u, u]):
             axes.plot(*(view[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
-    axes.set(aspect="equal")
+    axes.set_aspect("equal")
     axes.axis("off")
 
 def centre_of_mass(robot, torso, joints):
@@ -858,8 +857,9 @@ def main():
         push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
         edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2  # 0.18: as in `stance`
         cases.append(("push to the side", "m/s", speeds, stand, push, camera(0, 10), edge))
-    figure, panels = plt.subplots(1, len(cases), figsize=(6 * len(cases), 4.5), squeeze=False)
-    for (name, unit, sizes, joints, push, view, edge), axes in zip(cases, panels[0]):
+    figure = plt.figure(figsize=(6 * len(cases), 4.5))
+    for k, (name, unit, sizes, joints, push, view, edge) in enumerate(cases):
+        axes = figure.add_subplot(1, len(cases), k + 1)
         sim.reset(everybody)
         motion = sim.run(Trajectory(joints, trunk, none, none, push), everybody)
         i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
@@ -874,8 +874,8 @@ def main():
         axes.plot(right, up, "k.-", label="centre of mass")
         axes.axvline(edge, color="black", ls=":", label="edge of the sole")
         axes.legend(loc="lower right")
-        axes.set(title=f"The last 0.6 s of a fall: {name} {size}\n"
-                 "(left leg blue, right leg orange; squares of 0.25 m)")
+        axes.set_title(f"The last 0.6 s of a fall: {name} {size}\n"
+                       "(left leg blue, right leg orange; squares of 0.25 m)")
     sim.close()
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
