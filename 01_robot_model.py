@@ -497,9 +497,11 @@ class MujocoSim:
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models = [self.models[i] for i in robots]
         ticks = rate.shape[1]
+        # A rollout for every reading of the gyro; without a reflex a single one.
+        every = READ_EVERY if trajectory.support.any() else ticks
         parts = []
-        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
-            end = min(t + READ_EVERY, ticks)
+        for t in range(0, ticks, every):
+            end = min(t + every, ticks)
             turning = state[:, self.SPIN][:, :2]
             now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
@@ -820,15 +822,15 @@ def draw_ground(axes, view, size=2):
 
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3] hip, knee, ankle, heel, toe
+    points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
     trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
     # The centres of thigh and shin are in their middle, so each end gets half of the mass. That of
-    # a foot is a third of the way from the ankle to the sole, between heel and toe (within 2 mm).
+    # a foot is seen from the ankle. (The parts of both feet outward cancel.)
     thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
-    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot * 2 / 3,
-             foot / 6, foot / 6]  # [5] [kg]
-    legs = (parts @ points).sum(1)  # [K, 3] both
-    return (robot.torso.mass * trunk + legs) / (robot.torso.mass + 2 * sum(parts))
+    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
+    x, _, z = robot.foot.com
+    legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
+    return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
 
 def main():
     parser = StageParser(__doc__)
