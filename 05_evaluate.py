@@ -32,7 +32,6 @@ Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
 """
 
-import contextlib
 import itertools
 import json
 import math
@@ -54,11 +53,11 @@ env = import_module("03_env")
 ppo = import_module("04_ppo")
 
 OUTCOMES = ("success", "timeout", "fall")
-PAPER = {  # Table II by (planner, noise): success, timeout, fall, success time [s] and its std
-    ("policy", False): (0.980, 0.000, 0.020, 6.07, 2.13),
-    ("baseline", False): (0.960, 0.032, 0.008, 11.13, 4.95),
-    ("policy", True): (0.978, 0.000, 0.022, 6.35, 2.23),
-    ("baseline", True): (0.910, 0.078, 0.012, 11.43, 5.11),
+PAPER = {  # Table II by (planner, noise): success | timeout | fall | success time [s] ± its std
+    ("policy", False): "0.980 | 0.000 | 0.020 | 6.07 ± 2.13",
+    ("baseline", False): "0.960 | 0.032 | 0.008 | 11.13 ± 4.95",
+    ("policy", True): "0.978 | 0.000 | 0.022 | 6.35 ± 2.23",
+    ("baseline", True): "0.910 | 0.078 | 0.012 | 11.43 ± 5.11",
 }
 FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
 
@@ -139,8 +138,8 @@ class BaselinePlanner:
         self.velocity[robots] = velocity
         lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
-            low, high = np.array([view.limits.low, view.limits.high])[:, 1:]
-            lead = high / (high - low)
+            span = np.subtract(view.limits.high, view.limits.low)  # [3]
+            lead = (view.limits.high / span)[1:]
         return env.to_action(velocity_to_footsteps(velocity, view.period, lead), view.limits)
 
 class PolicyPlanner:
@@ -170,10 +169,10 @@ def draw_trials(seed, count, far=False, friction=np.nan, purpose="evaluation"):
     goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
     return Trials(goals, np.full(count, seed), np.arange(count), np.full(count, friction), purpose)
 
-def evaluate(planner, world, trials, noise=False, watch=lambda robots, result: None):
+def evaluate(planner, world, trials, noise=False, watch=None):
     """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
 
-    watch(robots, result) is called after every double step. Returns arrays [n]:
+    watch(robots, motion) is called after every double step. Returns arrays [n]:
         friction      μ of the ground
         outcome       a name in OUTCOMES
         time          [s] of a success: to the first of the two double steps that ended at the goal
@@ -190,17 +189,17 @@ def evaluate(planner, world, trials, noise=False, watch=lambda robots, result: N
     world.reset(everybody, rngs, trials.goals, trials.friction)
     planner.reset(n)
     outcome = np.full(n, "running", object)
-    time = np.zeros(n)
-    time_once = np.zeros(n)  # 0: not yet
+    time, time_once = np.zeros((2, n))  # time_once 0: not yet
     walking = everybody  # [k] whose trial has not ended
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
             outcome[walking[result[name]]] = name
         time[walking] = result["time"]
-        arrives = walking[result["inside"] & (time_once[walking] == 0)]
-        time_once[arrives] = world.steps[arrives] * world.engine.period
-        watch(walking, result)
+        first = result["inside"] & (time_once[walking] == 0)  # [k]
+        time_once[walking[first]] = result["time"][first]
+        if watch:
+            watch(walking, result["motion"])
         walking = walking[outcome[walking] == "running"]
     steps = world.steps[everybody]  # a copy, for two more double steps follow
     still_there = np.zeros(n, bool)
@@ -237,8 +236,7 @@ def record(planner, world, trials):
     [T, 12] at all T ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
     """
     seen, walks = [], []
-    ended = evaluate(planner, world, trials,
-                     watch=lambda robots, result: seen.append((robots, result["motion"])))
+    ended = evaluate(planner, world, trials, watch=lambda *step: seen.append(step))
     for i, goal in enumerate(trials.goals):
         torso = np.concatenate([motion.torso[robots == i] for robots, motion in seen])
         joints = np.concatenate([motion.joints[robots == i] for robots, motion in seen])
@@ -284,8 +282,6 @@ def time_ratio(trials, reference, resamples=2000):
             "slower": np.mean(ours > theirs)}
 
 # ------------------------------------------------------------------------ pictures
-ABOVE = robot_model.camera(-90, 90)
-
 def draw_on_ground(axes, pose, outline, view, color, alpha):
     """Fills an outline [P, 2] [m] on the ground, given in the frame `pose` (x, y, yaw)."""
     places = pose[:2] + robot_model.turned(outline, pose[2])
@@ -297,7 +293,7 @@ def draw_way(axes, robot, goal, feet, view):
     The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw.
     """
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
-    outline = np.append(0.05 * np.stack([np.cos(angle), np.sin(angle)], -1), [(0.2, 0)], 0)
+    outline = np.append(robot_model.turned((0.05, 0), angle), [(0.2, 0)], 0)  # [41, 2] [m]
     draw_on_ground(axes, goal, outline, view, "tab:green", 0.8)
     x = np.repeat([robot.foot_front, -robot.foot_back], 2)
     y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
@@ -307,35 +303,30 @@ def draw_way(axes, robot, goal, feet, view):
             draw_on_ground(axes, pose, outline, view, color, 0.35)
 
 def plot_footsteps(columns, path, robot):
-    """The paper's Fig. 3 in one scale; walks by planner, a list of the same goals each."""
-    figure, axes = plt.subplots(1, len(columns), figsize=(4.4 * len(columns), 4.8), sharex=True,
-                                sharey=True)
+    """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
+    figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
+        title = name
         for number, walk in enumerate(walks, 1):
-            draw_way(panel, robot, walk["goal"], walk["feet"], ABOVE)
+            draw_way(panel, robot, walk["goal"], walk["feet"], robot_model.camera(-90, 90))
             panel.plot(*walk["torso"][:, :2].T, "k", lw=1)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
-        endings = [f"goal {number}: {walk['ending']}, μ = {walk['friction']:.2f}"
-                   for number, walk in enumerate(walks, 1)]
-        panel.set_title("\n".join([name, *endings]))
-        panel.set(aspect="equal", xlabel="x [m]")
+            title += f"\ngoal {number}: {walk['ending']}, μ = {walk['friction']:.2f}"
+        panel.set(title=title, aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
     axes[0].set(ylabel="y [m]")
-    colors = *robot_model.COLORS, "tab:green"
-    for color, label in zip(colors, ("left foot", "right foot", "goal")):
-        axes[0].fill([], [], color=color, alpha=0.5, label=label)
-    axes[0].plot([], [], "k", lw=1, label="torso on the ground")
-    figure.legend(loc="outside lower center", ncols=4)
+    goal, left, right = axes[0].patches[:3]  # as `draw_way` drew them
+    figure.legend([left, right, goal, axes[0].lines[0]],
+                  ["left foot", "right foot", "goal", "torso on the ground"],
+                  loc="outside lower center", ncols=4)
     robot_model.save_figure(figure, path)
 
 def draw_scene(axes, robot, goal, feet, torso, joints, title):
-    """A robot on its way, torso [6], joints [12]; what was drawn before goes, except the ground."""
+    """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
     view = robot_model.camera()
-    if not axes.lines:
-        robot_model.draw_ground(axes, view)
-    for patch in [*axes.patches]:
-        patch.remove()
+    axes.clear()
+    robot_model.draw_ground(axes, view)
     draw_way(axes, robot, goal, feet, view)
     robot_model.draw_robots(axes, robot, torso[None], joints[None], view)
     axes.set_title(title)
@@ -346,7 +337,8 @@ def plot_race(walks, path, robot, every=10):
     figure, axes = plt.subplots(1, len(walks), figsize=(4.2 * len(walks), 4))
     ways = np.concatenate([walk["torso"][:last, :2] for walk in walks.values()])
     ways = ways @ robot_model.camera()[1:, :2].T  # in the picture
-    low, high = ways.min(0) - [0.3, 0.2], ways.max(0) + [0.4, 0.9]  # the robot is 0.8 m tall
+    # A margin [m] for the robot, which is 0.8 m tall
+    xlim, ylim = zip(ways.min(0) - [0.3, 0.2], ways.max(0) + [0.4, 0.9])
 
     def draw(tick):
         for panel, (name, walk) in zip(axes, walks.items()):
@@ -355,7 +347,7 @@ def plot_race(walks, path, robot, every=10):
             title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
             draw_scene(panel, robot, walk["goal"], walk["feet"][:done], walk["torso"][now],
                        walk["joints"][now], f"{name}\n{title}")
-            panel.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
+            panel.set(xlim=xlim, ylim=ylim)
 
     film = FuncAnimation(  # the last picture is repeated
         figure, draw, [*range(0, last, every), *[last + every] * 30])
@@ -367,25 +359,26 @@ def plot_race(walks, path, robot, every=10):
 def open_window():
     """An empty figure on the screen, and its axes."""
     for backend in ("MacOSX", "QtAgg", "TkAgg"):
-        with contextlib.suppress(ImportError):
+        try:
             plt.switch_backend(backend)
-            figure, axes = plt.subplots(figsize=(9, 7))
-            # matplotlib's own keys would move the picture
-            figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
-            return figure, axes
+        except ImportError:
+            continue
+        figure, axes = plt.subplots(figsize=(9, 7))
+        # matplotlib's own keys would move the picture
+        figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
+        return figure, axes
     raise ppo.PolicyError("--play needs a display, and Tk or Qt (python -m pip install pyqt6)")
-
-KEYS = "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner"
 
 def play(world, planners, friction):
     """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
     After a fall it stands up again at the origin. Planners by name; p takes the next one.
     """
     figure, axes = open_window()
-    figure.text(0.5, 0.02, KEYS, ha="center")
-    robots, engine, keys = np.array([0]), world.engine, []
+    figure.text(0.5, 0.02, "click: a goal; drag: its heading; space: a push; r: reflex on, off; "
+                "p: another planner", ha="center")
+    robots, engine = np.array([0]), world.engine
+    keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
-    begun, arrived = 0, ""  # how many double steps had been taken; when it arrived, in words
 
     def place(event):
         """Where the mouse is on the ground, [2] [m]."""
@@ -396,24 +389,24 @@ def play(world, planners, friction):
         if event.inaxes:
             goal[:] = *place(event), world.pose[0, 2]
             world.variance[:] = 1e12  # what was known of the old goal does not help
-            begun, arrived = world.steps[0], ""
+            begun, arrived = world.steps[0], False
 
     def release(event):
         if event.inaxes:
             x, y = place(event) - goal[:2]
-            if math.hypot(x, y) > 1e-6:  # it was dragged
+            if x or y:  # it was dragged
                 goal[2] = math.atan2(y, x)
 
     figure.canvas.mpl_connect("button_press_event", press)
     figure.canvas.mpl_connect("button_release_event", release)
     figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
     names = itertools.cycle(planners)
-    name = next(names)
-    gain, fell, due = engine.parameters.reflex, True, monotonic()  # due [s]: the next picture
+    gain, fell, due = engine.parameters.reflex, True, 0.0  # due [s]: the next picture
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=world.goal, friction=friction)
-            feet, begun, arrived = np.zeros((0, 2, 3)), 0, ""
+            # begun: how many double steps had been taken when the goal was set
+            feet, begun, arrived = np.zeros((0, 2, 3)), 0, False
         if "p" in keys:
             name = next(names)
         if fell or "p" in keys:
@@ -424,17 +417,17 @@ def play(world, planners, friction):
         keys.clear()
         result = double_step(planners[name], world, robots)
         motion, fell = result["motion"], result["fall"][0]
-        seconds = (world.steps[0] - begun) * engine.period
-        if result["success"] and not arrived:
-            arrived = f"arrived after {seconds - engine.period:.1f} s"
+        if not arrived:  # then the clock stops
+            seconds = result["time"][0] - begun * engine.period
+            arrived = result["success"][0]
         reflex = "on" if engine.parameters.reflex else "off"
-        title = f"{name}, reflex {reflex}: {arrived or f'{seconds:.1f} s'}"
+        title = f"{name}, reflex {reflex}: {'arrived after ' if arrived else ''}{seconds:.1f} s"
         for tick in range(9, motion.torso.shape[1], 10):
             draw_scene(axes, engine.robot, goal, feet[-20:], motion.torso[0, tick],
                        motion.joints[0, tick], title)
             axes.set(xlim=(-1.7, 1.7), ylim=(-1.0, 1.6))
-            due = max(due + 10 * engine.robot.control_dt, monotonic())
             plt.pause(max(0.001, due - monotonic()))
+            due = monotonic() + 10 * engine.robot.control_dt
         last = foot_poses(engine.robot, motion.torso[:, -1], motion.joints[:, -1])
         feet = np.concatenate([feet, last])
 
@@ -467,42 +460,36 @@ def summary(planner, noise, std, trials, task):
         row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
     row |= {name: rounded(np.mean, share) for name, share in shares.items()}
     for name in OUTCOMES:
-        row[f"{name}_ci95"] = np.round(wilson(int(shares[name].sum()), len(reached)), 4).tolist()
+        row[f"{name}_ci95"] = np.round(wilson(shares[name].sum(), len(reached)), 4).tolist()
     for name, who in (("time", reached), ("time_once", once)):
         row[f"{name}_mean"] = rounded(np.mean, trials[name][who], 3)  # [s]
         row[f"{name}_std"] = rounded(np.std, trials[name][who], 3)
     return row
 
-def mean_and_std(mean, std):
-    """Seconds as a text; None: nobody arrived."""
-    return "none" if mean is None else f"{mean:.2f} ± {std:.2f}"
+def mean_and_std(row, name):
+    """Seconds of a row as a text."""
+    mean = row[f"{name}_mean"]  # None: nobody arrived
+    return "none" if mean is None else f"{mean:.2f} ± {row[f'{name}_std']:.2f}"
 
-def table(rows, ratios, paper=PAPER):
+def table(rows, ratios):
     """Markdown: our rows; by the paper's rule, with the paper's own; the first planner's ratios."""
     ours = ("| goals σ | noise | planner | success [95 % interval] | timeout | fall "
             "| success time [s] | still there |\n"
             "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
-    once = ("\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
-            "| noise | planner | source | success | timeout | fall | time [s] |\n"
-            "| --- | --- | --- | --- | --- | --- | --- |\n")
-    quotients = ("\nMean success time ÷ that of another planner, over goals both reached:\n\n"
-                 "| goals σ | noise | planner | other | ratio | median | slower | common goals |\n"
-                 "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
+    once = quotients = ""
     for row in rows:
         which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
         low, high = row["success_ci95"]
-        time = mean_and_std(row["time_mean"], row["time_std"])
+        time = mean_and_std(row, "time")
         still = "none" if row["still_there"] is None else f"{row['still_there']:.3f}"
         ours += (f"| {goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
                  f"| {row['timeout']:.3f} | {row['fall']:.3f} | {time} | {still} |\n")
-        known = paper.get((row["planner"], row["noise"]))
+        known = PAPER.get((row["planner"], row["noise"]))
         if known and row["goal_std_m"] == env.Task().goal_std_m:
-            time = mean_and_std(row["time_once_mean"], row["time_once_std"])
-            success, timeout, fall, mean, std = known
+            time = mean_and_std(row, "time_once")
             once += (f"| {which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
                      f"| {row['fall_once']:.3f} | {time} |\n"
-                     f"| {which} | paper | {success:.3f} | {timeout:.3f} | {fall:.3f} "
-                     f"| {mean_and_std(mean, std)} |\n")
+                     f"| {which} | paper | {known} |\n")
     for row in ratios:
         if row["planner"] == rows[0]["planner"]:
             low, high = row["time_ratio_ci95"]
@@ -510,8 +497,15 @@ def table(rows, ratios, paper=PAPER):
                           f"| {row['planner']} | {row['reference']} "
                           f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
                           f"| {row['median']:.3f} | {row['slower']:.3f} | {row['goals']} |\n")
-    # A table without rows ends with its rule and is left out.
-    return "".join(text for text in (ours, once, quotients) if not text.endswith("--- |\n"))
+    if once:
+        ours += ("\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n"
+                 "\n| noise | planner | source | success | timeout | fall | time [s] |\n"
+                 "| --- | --- | --- | --- | --- | --- | --- |\n" + once)
+    if quotients:
+        ours += ("\nMean success time ÷ that of another planner, over goals both reached:\n\n"
+                 "| goals σ | noise | planner | other | ratio | median | slower | common goals |\n"
+                 "| --- | --- | --- | --- | --- | --- | --- | --- |\n" + quotients)
+    return ours
 
 def goals_of(row):
     """σ of the goals as a text."""
@@ -535,10 +529,9 @@ def read_trials(path, seed, friction):
         columns |= {name: rows[name] for name in rows.dtype.names or ()}
         keys = np.column_stack([columns[name] for name in (
             "x", "y", "yaw", "seed", "trial", "mu")])  # [n, 6]
-        _, first = np.unique(keys, axis=0, return_index=True)
-        keys = keys[np.sort(first)]  # in their order
-        finite = np.isfinite(keys[:, :5]).all()
-        if not finite or (keys[:, 3:] < 0).any() or not 0 < len(keys) <= MOST:
+        keys = np.array([*dict.fromkeys(map(tuple, keys))])  # each once, in their order
+        if (not 0 < len(keys) <= MOST or not np.isfinite(keys[:, :5]).all()
+                or (keys[:, 3:] < 0).any()):
             raise ValueError(f"from 1 to {MOST} lines; seed, trial and mu not below 0")
     except (OSError, ValueError, LookupError) as error:
         raise ppo.PolicyError(f"{path}: needs columns x, y, yaw and finite numbers below them "
@@ -548,12 +541,10 @@ def read_trials(path, seed, friction):
     mu = np.where(np.isnan(friction), mu, friction)
     return Trials(goals, seed.astype(int), trial.astype(int), mu)
 
-COLUMNS = ("planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
-           "reached_once,time_once")  # of trials.csv
-
 def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
-    lines = []
+    lines = ["planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
+             "reached_once,time_once"]
     for (planner, noise, std), ended in results.items():
         trials = blocks[std]
         columns = [
@@ -561,9 +552,8 @@ def write_trials(path, blocks, results):
             ended["time"].round(2), ended["steps"], words(ended["still_there"]),
             words(ended["reached_once"]), ended["time_once"].round(2)]
         for cells in zip(*columns):
-            lines.append([planner, words(noise), std or "", *cells])
-    robot_model.atomic_write(path, lambda file: np.savetxt(
-        file, lines, "%s", ",", header=COLUMNS, comments="", encoding="utf-8"))
+            lines.append(",".join(map(str, [planner, words(noise), std or "", *cells])))
+    write_text(path, "\n".join(lines) + "\n")
 
 def words(truth):
     """yes or no, for a bool or many."""
@@ -572,7 +562,7 @@ def words(truth):
 def load_policy(path, sim):
     """The planner of a policy.pt, and what evaluation.json says of it; or a PolicyError."""
     model, meta = ppo.load_policy(path)
-    imu = meta["obs_dim"] > len(env.observation_table())
+    imu = meta.get("imu")
     if mismatch := ppo.difference(meta["fits"], env.fingerprint(sim, imu)):
         flag = "; try with" if sim == "pymunk" else "; try without"
         hint = f"{flag} --mujoco" if mismatch.startswith("simulator") else ""
@@ -604,11 +594,12 @@ def choose_planners(sim, policies=(), planners=()):
 
     The first policy is called `policy`, all others like their file, with its folder if need be.
     """
+    baselines = {"baseline_tuned": BaselinePlanner(TUNED[sim]), "baseline": BaselinePlanner()}
     chosen = {}
-    facts = []
+    facts = {}
     for path in (*(policies or [find(sim)]), *planners):
         name = path.stem if chosen else "policy"
-        if name in (*chosen, "baseline", "baseline_tuned"):
+        if name in chosen | baselines:
             name = f"{path.resolve().parent.name}/{name}"
         if name in chosen:
             raise ppo.PolicyError(f"{path}: two planners are called {name}")
@@ -616,11 +607,9 @@ def choose_planners(sim, policies=(), planners=()):
             chosen[name] = load_planner(path)
         else:
             chosen[name], about = load_policy(path, sim)
-            facts.append(about)
+            facts = facts or about
             print(f"{name}: {path}, {about['steps']} double steps, seed {about['seed']}")
-    chosen["baseline_tuned"] = BaselinePlanner(TUNED[sim])
-    chosen["baseline"] = BaselinePlanner()
-    return chosen, facts[0]
+    return chosen | baselines, facts
 
 # ------------------------------------------------------------------------ command line
 def run(world, blocks, planners, shown, facts, args, out):
@@ -695,9 +684,8 @@ def main(argv=None):
         if args.goals is not None:
             blocks = {None: read_trials(args.goals, args.seed, args.friction)}
         planners, facts = choose_planners(args.sim, args.policy, args.planner)
-        shown = "policy"
-        if args.planner:  # the first of your own; without --policy there is one policy before it
-            shown = list(planners)[max(1, len(args.policy))]
+        # Your own planners, of which the first one counts, stand before the two baselines.
+        shown = list(planners)[-2 - len(args.planner)] if args.planner else "policy"
         out = parser.folder(args)
         count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
