@@ -52,6 +52,7 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
 
+ROBOT = robot_model.RobotModel()
 OUTCOMES = ("success", "timeout", "fall")
 PAPER = {  # Table II by (planner, noise): success | timeout | fall | success time [s] ± its std
     ("policy", False): "0.980 | 0.000 | 0.020 | 6.07 ± 2.13",
@@ -206,7 +207,7 @@ def evaluate(planner, world, trials, noise=False, watch=None):
     standing = everybody[outcome == "success"]
     for _ in range(2):  # two more double steps, in place; what counts is the second one
         if len(standing):
-            result = world.step(np.tile(world.neutral_action, (len(standing), 1)), standing)
+            result = world.step([world.neutral_action] * len(standing), standing)
             still_there[standing] = result["inside"]
             standing = standing[~result["fall"]]
     return {"friction": world.friction[everybody], "outcome": outcome, "time": time,
@@ -225,9 +226,11 @@ def double_step(planner, world, robots):
         raise ValueError(f"{name} must lie between 0 and 1")
     return world.step(actions, robots)
 
-def foot_poses(robot, torso, joints):
-    """Where the feet of measured robots are, x, y [m], yaw [rad]: [K, 6], [K, 12] -> [K, 2, 3]."""
-    points, turn = robot_model.body_points(robot, torso, joints)
+def foot_poses(torso, joints):
+    """Where the measured feet are at the end of double steps, x, y [m], yaw [rad]:
+    torso [K, T, 6], joints [K, T, 12] -> [K, 2, 3].
+    """
+    points, turn = robot_model.body_points(ROBOT, torso[:, -1], joints[:, -1])
     yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
     return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
 
@@ -244,7 +247,7 @@ def record(planner, world, trials):
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
             "friction": ended["friction"][i],
-            "feet": foot_poses(world.engine.robot, torso[:, -1], joints[:, -1]),
+            "feet": foot_poses(torso, joints),
             "torso": np.concatenate(torso),
             "joints": np.concatenate(joints)})
     return walks
@@ -282,33 +285,31 @@ def time_ratio(trials, reference, resamples=2000):
             "slower": np.mean(ours > theirs)}
 
 # ------------------------------------------------------------------------ pictures
-def draw_on_ground(axes, pose, outline, view, color, alpha):
-    """Fills an outline [P, 2] [m] on the ground, given in the frame `pose` (x, y, yaw)."""
-    places = pose[:2] + robot_model.turned(outline, pose[2])
-    axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
-
-def draw_way(axes, robot, goal, feet, view):
+def draw_way(axes, goal, feet, view):
     """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
 
     The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw.
     """
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
-    outline = np.append(robot_model.turned((0.05, 0), angle), [(0.2, 0)], 0)  # [41, 2] [m]
-    draw_on_ground(axes, goal, outline, view, "tab:green", 0.8)
-    x = np.repeat([robot.foot_front, -robot.foot_back], 2)
-    y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
+    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.2, 0)], 0)  # [41, 2] [m]
+    shapes = [(goal, disc, "tab:green", 0.8)]  # frame, outline in it, colour, alpha
+    x = np.repeat([ROBOT.foot_front, -ROBOT.foot_back], 2)
+    y = np.array([1, -1, -1, 1]) * ROBOT.foot_width / 2
     for poses in feet:
         for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
-            outline = np.stack([x, y + outward * robot.foot_outward], -1)
-            draw_on_ground(axes, pose, outline, view, color, 0.35)
+            sole = np.stack([x, y + outward * ROBOT.foot_outward], -1)  # [4, 2] [m]
+            shapes.append((pose, sole, color, 0.35))
+    for pose, outline, color, alpha in shapes:
+        places = pose[:2] + robot_model.turned(outline, pose[2])
+        axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
-def plot_footsteps(columns, path, robot):
+def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
         title = name
         for number, walk in enumerate(walks, 1):
-            draw_way(panel, robot, walk["goal"], walk["feet"], robot_model.camera(-90, 90))
+            draw_way(panel, walk["goal"], walk["feet"], robot_model.camera(-90, 90))
             panel.plot(*walk["torso"][:, :2].T, "k", lw=1)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
@@ -322,16 +323,16 @@ def plot_footsteps(columns, path, robot):
                   loc="outside lower center", ncols=4)
     robot_model.save_figure(figure, path)
 
-def draw_scene(axes, robot, goal, feet, torso, joints, title):
+def draw_scene(axes, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
     view = robot_model.camera()
     axes.clear()
     robot_model.draw_ground(axes, view)
-    draw_way(axes, robot, goal, feet, view)
-    robot_model.draw_robots(axes, robot, torso[None], joints[None], view)
+    draw_way(axes, goal, feet, view)
+    robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], view)
     axes.set_title(title)
 
-def plot_race(walks, path, robot, every=10):
+def plot_race(walks, path, every=10):
     """Walks to one goal by planner, side by side, at twice their speed, for 12 s at most."""
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1200) - 1
     figure, axes = plt.subplots(1, len(walks), figsize=(4.2 * len(walks), 4))
@@ -344,14 +345,14 @@ def plot_race(walks, path, robot, every=10):
         for panel, (name, walk) in zip(axes, walks.items()):
             now = min(tick, len(walk["torso"]) - 1)
             done = (now + 1) * len(walk["feet"]) // len(walk["torso"])  # double steps
-            title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
-            draw_scene(panel, robot, walk["goal"], walk["feet"][:done], walk["torso"][now],
+            title = walk["ending"] if now < tick else f"{now * ROBOT.control_dt:.1f} s"
+            draw_scene(panel, walk["goal"], walk["feet"][:done], walk["torso"][now],
                        walk["joints"][now], f"{name}\n{title}")
             panel.set(xlim=xlim, ylim=ylim)
 
     film = FuncAnimation(  # the last picture is repeated
         figure, draw, [*range(0, last, every), *[last + every] * 30])
-    fps = 2 / (every * robot.control_dt)
+    fps = 2 / (every * ROBOT.control_dt)
     robot_model.atomic_write(path, lambda file: film.save(file, "pillow", fps, dpi=75))
     plt.close(figure)
 
@@ -374,8 +375,8 @@ def play(world, planners, friction):
     After a fall it stands up again at the origin. Planners by name; p takes the next one.
     """
     figure, axes = open_window()
-    figure.text(0.5, 0.02, "click: a goal; drag: its heading; space: a push; r: reflex on, off; "
-                "p: another planner", ha="center")
+    figure.supxlabel("click: a goal; drag: its heading; space: a push; r: reflex on, off; "
+                     "p: another planner", fontsize="medium")
     robots, engine = np.array([0]), world.engine
     keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
@@ -423,13 +424,11 @@ def play(world, planners, friction):
         reflex = "on" if engine.parameters.reflex else "off"
         title = f"{name}, reflex {reflex}: {'arrived after ' if arrived else ''}{seconds:.1f} s"
         for tick in range(9, motion.torso.shape[1], 10):
-            draw_scene(axes, engine.robot, goal, feet[-20:], motion.torso[0, tick],
-                       motion.joints[0, tick], title)
-            axes.set(xlim=(-1.7, 1.7), ylim=(-1.0, 1.6))
+            draw_scene(axes, goal, feet[-20:], motion.torso[0, tick], motion.joints[0, tick], title)
+            axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(max(0.001, due - monotonic()))
-            due = monotonic() + 10 * engine.robot.control_dt
-        last = foot_poses(engine.robot, motion.torso[:, -1], motion.joints[:, -1])
-        feet = np.concatenate([feet, last])
+            due = monotonic() + 10 * ROBOT.control_dt
+        feet = np.concatenate([feet, foot_poses(motion.torso, motion.joints)])
 
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
@@ -524,12 +523,12 @@ def read_trials(path, seed, friction):
         with warnings.catch_warnings(action="ignore"):  # about an empty file: refused below
             rows = np.genfromtxt(path, delimiter=",", names=True, case_sensitive="lower",
                                  encoding="utf-8-sig", ndmin=1)
-        every = np.arange(len(rows))
-        columns = {"seed": 0 * every + seed, "trial": every, "mu": np.nan * every}
-        columns |= {name: rows[name] for name in rows.dtype.names or ()}
-        keys = np.column_stack([columns[name] for name in (
-            "x", "y", "yaw", "seed", "trial", "mu")])  # [n, 6]
-        keys = np.array([*dict.fromkeys(map(tuple, keys))])  # each once, in their order
+        keys = []
+        for number, row in enumerate(rows):
+            known = {"seed": seed, "trial": number, "mu": math.nan}
+            known |= zip(rows.dtype.names, row)
+            keys.append(tuple(known[name] for name in ("x", "y", "yaw", "seed", "trial", "mu")))
+        keys = np.array([*dict.fromkeys(keys)])  # [n, 6] each once, in their order
         if (not 0 < len(keys) <= MOST or not np.isfinite(keys[:, :5]).all()
                 or (keys[:, 3:] < 0).any()):
             raise ValueError(f"from 1 to {MOST} lines; seed, trial and mu not below 0")
@@ -537,7 +536,7 @@ def read_trials(path, seed, friction):
         raise ppo.PolicyError(f"{path}: needs columns x, y, yaw and finite numbers below them "
                               f"({error})") from error
     x, y, yaw, seed, trial, mu = keys.T
-    goals = np.stack([x, y, env.wrap(yaw)], -1)
+    goals = np.column_stack([x, y, env.wrap(yaw)])
     mu = np.where(np.isnan(friction), mu, friction)
     return Trials(goals, seed.astype(int), trial.astype(int), mu)
 
@@ -639,18 +638,17 @@ def run(world, blocks, planners, shown, facts, args, out):
         trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
     walks = {name: record(planners[name], world, trials)
              for name in ("baseline", "baseline_tuned", shown)}
-    robot = world.engine.robot
-    plot_footsteps(walks, out / "footsteps.png", robot)
+    plot_footsteps(walks, out / "footsteps.png")
     if args.gif:  # a minute each
         race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
-        plot_race(race, out / "animation.gif", robot)
+        plot_race(race, out / "animation.gif")
         last = Path(facts["file"])
         start, tenth = (last.with_name(f"policy.{when}.pt") for when in ("start", "tenth"))
         stages = {"before training": start, "after a tenth of it": tenth, "at the end": last}
         if start.is_file() and tenth.is_file():
             race = {name: record(load_policy(path, args.sim)[0], world, trials)[0]
                     for name, path in stages.items()}
-            plot_race(race, out / "learning.gif", robot, every=20)
+            plot_race(race, out / "learning.gif", every=20)
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 def write_text(path, text):
@@ -689,9 +687,8 @@ def main(argv=None):
         out = parser.folder(args)
         count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
-        world.push = args.push
+        world.push = args.push or 0.6 * args.play  # [m/s]; it is also that of the space bar
         if args.play:
-            world.push = args.push or 0.6  # [m/s] of the space bar
             play(world, {shown: planners[shown], **planners}, args.friction)
         else:
             run(world, blocks, planners, shown, facts, args, out)
