@@ -235,22 +235,21 @@ def foot_poses(torso, joints):
     return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
 
 def record(planner, world, trials):
-    """Walk without noise and keep what physics did, a dict per trial: torso [T, 6] and joints
+    """Walk without noise and yield what physics did, a dict per trial: torso [T, 6] and joints
     [T, 12] at all T ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
     """
-    seen, walks = [], []
+    seen = []
     ended = evaluate(planner, world, trials, watch=lambda *step: seen.append(step))
     for i, goal in enumerate(trials.goals):
         torso = np.concatenate([motion.torso[robots == i] for robots, motion in seen])
         joints = np.concatenate([motion.joints[robots == i] for robots, motion in seen])
-        walks.append({
+        yield {
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
             "friction": ended["friction"][i],
             "feet": foot_poses(torso, joints),
             "torso": np.concatenate(torso),
-            "joints": np.concatenate(joints)})
-    return walks
+            "joints": np.concatenate(joints)}
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
@@ -297,7 +296,7 @@ def draw_way(axes, goal, feet, view):
     y = np.array([1, -1, -1, 1]) * ROBOT.foot_width / 2
     for poses in feet:
         for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
-            sole = np.stack([x, y + outward * ROBOT.foot_outward], -1)  # [4, 2] [m]
+            sole = np.column_stack([x, y + outward * ROBOT.foot_outward])  # [4, 2] [m]
             shapes.append((pose, sole, color, 0.35))
     for pose, outline, color, alpha in shapes:
         places = pose[:2] + robot_model.turned(outline, pose[2])
@@ -316,7 +315,7 @@ def plot_footsteps(columns, path):
             title += f"\ngoal {number}: {walk['ending']}, μ = {walk['friction']:.2f}"
         panel.set(title=title, aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
-    axes[0].set(ylabel="y [m]")
+    axes[0].set_ylabel("y [m]")
     goal, left, right = axes[0].patches[:3]  # as `draw_way` drew them
     figure.legend([left, right, goal, axes[0].lines[0]],
                   ["left foot", "right foot", "goal", "torso on the ground"],
@@ -343,8 +342,9 @@ def plot_race(walks, path, every=10):
 
     def draw(tick):
         for panel, (name, walk) in zip(axes, walks.items()):
-            now = min(tick, len(walk["torso"]) - 1)
-            done = (now + 1) * len(walk["feet"]) // len(walk["torso"])  # double steps
+            ticks = len(walk["torso"])
+            now = min(tick, ticks - 1)
+            done = (now + 1) * len(walk["feet"]) // ticks  # double steps
             title = walk["ending"] if now < tick else f"{now * ROBOT.control_dt:.1f} s"
             draw_scene(panel, walk["goal"], walk["feet"][:done], walk["torso"][now],
                        walk["joints"][now], f"{name}\n{title}")
@@ -352,8 +352,8 @@ def plot_race(walks, path, every=10):
 
     film = FuncAnimation(  # the last picture is repeated
         figure, draw, [*range(0, last, every), *[last + every] * 30])
-    fps = 2 / (every * ROBOT.control_dt)
-    robot_model.atomic_write(path, lambda file: film.save(file, "pillow", fps, dpi=75))
+    robot_model.atomic_write(path, lambda file: film.save(  # pictures per second: twice its speed
+        file, "pillow", 2 / (every * ROBOT.control_dt), dpi=75))
     plt.close(figure)
 
 # ------------------------------------------------------------------------ to play with
@@ -375,8 +375,8 @@ def play(world, planners, friction):
     After a fall it stands up again at the origin. Planners by name; p takes the next one.
     """
     figure, axes = open_window()
-    figure.supxlabel("click: a goal; drag: its heading; space: a push; r: reflex on, off; "
-                     "p: another planner", fontsize="medium")
+    figure.supxlabel(
+        "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner")
     robots, engine = np.array([0]), world.engine
     keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
@@ -398,9 +398,10 @@ def play(world, planners, friction):
             if x or y:  # it was dragged
                 goal[2] = math.atan2(y, x)
 
-    figure.canvas.mpl_connect("button_press_event", press)
-    figure.canvas.mpl_connect("button_release_event", release)
-    figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
+    connect = figure.canvas.mpl_connect
+    connect("button_press_event", press)
+    connect("button_release_event", release)
+    connect("key_press_event", lambda event: keys.append(event.key))
     names = itertools.cycle(planners)
     gain, fell, due = engine.parameters.reflex, True, 0.0  # due [s]: the next picture
     while plt.fignum_exists(figure.number):
@@ -423,8 +424,8 @@ def play(world, planners, friction):
             arrived = result["success"][0]
         reflex = "on" if engine.parameters.reflex else "off"
         title = f"{name}, reflex {reflex}: {'arrived after ' if arrived else ''}{seconds:.1f} s"
-        for tick in range(9, motion.torso.shape[1], 10):
-            draw_scene(axes, goal, feet[-20:], motion.torso[0, tick], motion.joints[0, tick], title)
+        for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
+            draw_scene(axes, goal, feet[-20:], torso, joints, title)
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(max(0.001, due - monotonic()))
             due = monotonic() + 10 * ROBOT.control_dt
@@ -471,7 +472,7 @@ def mean_and_std(row, name):
     return "none" if mean is None else f"{mean:.2f} ± {row[f'{name}_std']:.2f}"
 
 def table(rows, ratios):
-    """Markdown: our rows; by the paper's rule, with the paper's own; the first planner's ratios."""
+    """Markdown: our rows; by the paper's rule, with the paper's own; the policy's ratios."""
     ours = ("| goals σ | noise | planner | success [95 % interval] | timeout | fall "
             "| success time [s] | still there |\n"
             "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
@@ -484,13 +485,13 @@ def table(rows, ratios):
         ours += (f"| {goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
                  f"| {row['timeout']:.3f} | {row['fall']:.3f} | {time} | {still} |\n")
         known = PAPER.get((row["planner"], row["noise"]))
-        if known and row["goal_std_m"] == env.Task().goal_std_m:
+        if known and row["goal_std_m"] == env.Task.goal_std_m:
             time = mean_and_std(row, "time_once")
             once += (f"| {which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
                      f"| {row['fall_once']:.3f} | {time} |\n"
                      f"| {which} | paper | {known} |\n")
     for row in ratios:
-        if row["planner"] == rows[0]["planner"]:
+        if row["planner"] == "policy":
             low, high = row["time_ratio_ci95"]
             quotients += (f"| {goals_of(row)} | {'yes' if row['noise'] else 'no'} "
                           f"| {row['planner']} | {row['reference']} "
@@ -550,8 +551,8 @@ def write_trials(path, blocks, results):
             trials.seed, trials.number, *trials.goals.T, ended["friction"], ended["outcome"],
             ended["time"].round(2), ended["steps"], words(ended["still_there"]),
             words(ended["reached_once"]), ended["time_once"].round(2)]
-        for cells in zip(*columns):
-            lines.append(",".join(map(str, [planner, words(noise), std or "", *cells])))
+        lines += [",".join(map(str, [planner, words(noise), std or "", *cells]))
+                  for cells in zip(*columns)]
     write_text(path, "\n".join(lines) + "\n")
 
 def words(truth):
@@ -595,7 +596,7 @@ def choose_planners(sim, policies=(), planners=()):
     """
     baselines = {"baseline_tuned": BaselinePlanner(TUNED[sim]), "baseline": BaselinePlanner()}
     chosen = {}
-    facts = {}
+    facts = None
     for path in (*(policies or [find(sim)]), *planners):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
@@ -618,7 +619,7 @@ def run(world, blocks, planners, shown, facts, args, out):
     shown: name of the planner beside the baselines in the figures; facts: of the first policy.
     """
     results = {}
-    noises = (False, True) if args.noise else (False,)
+    noises = sorted({False, args.noise})  # without it, and perhaps with it
     for std, noise, name in tqdm([*itertools.product(blocks, noises, planners)], unit=" rows"):
         results[name, noise, std] = evaluate(planners[name], world, blocks[std], noise)
     rows = [summary(*key, trials, world.task) for key, trials in results.items()]
@@ -628,7 +629,7 @@ def run(world, blocks, planners, shown, facts, args, out):
     content = {"sim": args.sim, "policy": facts, "seed": args.seed, "goals": args.goals or "drawn",
                "friction": "drawn" if math.isnan(args.friction) else args.friction,
                "push": args.push, "rows": rows, "ratios": ratios}
-    write_text(out / "evaluation.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
     world.push = 0.0  # not in figures
@@ -636,7 +637,7 @@ def run(world, blocks, planners, shown, facts, args, out):
     trials.goals = FIGURE_GOALS
     if own := blocks.get(None):  # the first goals of your own
         trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
-    walks = {name: record(planners[name], world, trials)
+    walks = {name: [*record(planners[name], world, trials)]
              for name in ("baseline", "baseline_tuned", shown)}
     plot_footsteps(walks, out / "footsteps.png")
     if args.gif:  # a minute each
@@ -646,7 +647,7 @@ def run(world, blocks, planners, shown, facts, args, out):
         start, tenth = (last.with_name(f"policy.{when}.pt") for when in ("start", "tenth"))
         stages = {"before training": start, "after a tenth of it": tenth, "at the end": last}
         if start.is_file() and tenth.is_file():
-            race = {name: record(load_policy(path, args.sim)[0], world, trials)[0]
+            race = {name: next(record(load_policy(path, args.sim)[0], world, trials))
                     for name, path in stages.items()}
             plot_race(race, out / "learning.gif", every=20)
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
@@ -658,34 +659,35 @@ def write_text(path, text):
 
 def main(argv=None):
     parser = robot_model.StageParser(__doc__)
-    parser.add_argument("--noise", action="store_true", help="add the rows with measurement noise")
+    add = parser.add_argument
+    add("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
     which.add_argument("--goals", help="a CSV file: x, y [m], yaw [rad]")
-    parser.add_argument("--episodes", type=robot_model.whole, default=500,
-                        help="how many goals (500)")
-    parser.add_argument("--friction", type=float, default=math.nan,
-                        help="μ of the ground, for all; else drawn")
-    parser.add_argument("--push", type=float, default=0.0, metavar="DV",
-                        help="pushes by DV m/s, every 3 s on average")
-    parser.add_argument("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
-    parser.add_argument("--planner", type=Path, nargs="+", default=[], help="files of your own")
-    parser.add_argument("--gif", action="store_true", help="also draw two films")
-    parser.add_argument("--play", action="store_true", help="click a goal, watch the robot walk")
-    args, task = parser.parse(argv), env.Task()
+    add("--episodes", type=robot_model.whole, default=500, help="how many goals (500)")
+    add("--friction", type=float, default=math.nan, help="μ of the ground, for all; else drawn")
+    add("--push", type=float, default=0.0, metavar="DV",
+        help="pushes by DV m/s, every 3 s on average")
+    add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
+    add("--planner", type=Path, nargs="+", default=[], help="files of your own")
+    add("--gif", action="store_true", help="also draw two films")
+    add("--play", action="store_true", help="click a goal, watch the robot walk")
+    args = parser.parse(argv)
     if not 1 <= args.episodes <= MOST or args.friction < 0 or not 0 <= args.push < 1e3:
         parser.error(f"--episodes from 1 to {MOST}, --friction and --push from 0 on")
-    blocks = {task.goal_std_m: draw_trials(args.seed, args.episodes, False, args.friction)}
+    trials = draw_trials(args.seed, args.episodes, False, args.friction)
+    blocks = {env.Task.goal_std_m: trials}
     if args.far:
-        blocks[task.far_std_m] = draw_trials(args.seed, args.episodes, True, args.friction)
+        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, True, args.friction)
     try:
         if args.goals is not None:
-            blocks = {None: read_trials(args.goals, args.seed, args.friction)}
+            trials = read_trials(args.goals, args.seed, args.friction)
+            blocks = {None: trials}
         planners, facts = choose_planners(args.sim, args.policy, args.planner)
         # Your own planners, of which the first one counts, stand before the two baselines.
         shown = list(planners)[-2 - len(args.planner)] if args.planner else "policy"
         out = parser.folder(args)
-        count = max(len(FIGURE_GOALS), *(len(trials.goals) for trials in blocks.values()))
+        count = max(len(FIGURE_GOALS), len(trials.goals))
         world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
         world.push = args.push or 0.6 * args.play  # [m/s]; it is also that of the space bar
         if args.play:
