@@ -10,6 +10,7 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -168,7 +169,8 @@ def trials(outcomes, times, still_there=None):
     once = np.where(reached, times, 8.0 * (np.array(outcomes) == "timeout"))
     return {"outcome": np.array(outcomes), "time": times,
             "still_there": reached if still_there is None else np.array(still_there),
-            "reached_once": once > 0, "time_once": once}
+            "reached_once": once > 0, "time_once": once,
+            "least": np.arange(2.0, 2 + len(times))}
 
 FOUR = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
 
@@ -189,6 +191,9 @@ def test_time_ratio_uses_only_goals_that_both_reached():
         "a ratio of the means, not a mean of the ratios")
     assert far_ones["median"] == pytest.approx(1), "of the ratios goal by goal: 0.5, 1.5 and 1"
     assert far_ones["slower"] == pytest.approx(1 / 3), "longer than the reference, not as long"
+    assert far_ones["over_optimum"] == pytest.approx(75 / (2 + 3 + 4)), (
+        "mean time / mean of the least time")
+    assert row["over_optimum"] == pytest.approx(15 / (2 + 3)), "of the goals that both reached"
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
 
@@ -335,6 +340,38 @@ def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypat
     for name, values in first.items():
         equal(second[name], values[chosen], err_msg=f"{name}: fixed by goal, seed, number and μ")
     equal(world.pose[:4], ends[chosen], "to the last bit")
+
+def test_the_least_time_by_hand():
+    world = SimpleNamespace(task=env.Task(), limits=LIMITS, engine=SimpleNamespace(
+        period=0.6, beside=np.array([[0, 0.18, 0], [0, -0.18, 0]])))
+    # Seen from the other foot, a foot lands 0.18 m ahead, 0.18 + 0.15 m aside, 0.6 rad outward.
+    way = 2 * (0.18 * math.cos(0.3) + 0.33 * math.sin(0.3))  # [m] of a double step, toes out
+    turn = 0.60 + 0.40  # [rad]
+    goals = [[0.04, 0, 0], [3 * way + 0.04, 0, 0], [0, 3 * way + 0.06, 0], [0, 0, 2 * turn + 0.17],
+             [0, 0, -2 * turn - 0.18], [0, -way - 0.06, 2 * turn + 0.18]]
+    close(evaluate.least_time(np.array(goals), world), 0.6 * np.array([1, 3, 4, 2, 3, 3]), err_msg=(
+        "to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"))
+
+@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+def test_no_plan_is_faster_than_the_least_time(sim):
+    """The walk engine plans every extreme double step eight times in a row, and others at random.
+    The goal is where the trunk comes to, and farther on by the tolerance.
+    """
+    robots, limits = np.arange(512), env.LIMITS[sim]
+    engine = env.walk_engine.WalkEngine(512, env.walk_engine.TUNED[sim], planar=sim == "pymunk")
+    world = SimpleNamespace(task=env.Task(), limits=limits, engine=engine)
+    extreme = np.array([*itertools.product((0.0, 1.0), repeat=6)])  # [64, 6] actions
+    chosen = np.random.default_rng(0).integers(64, size=(8, 512))
+    chosen[:, :64] = np.arange(64)
+    start = engine.trunk[0, [0, 1, 5], 0].copy()
+    for steps, row in enumerate(chosen, 1):
+        trajectory, _ = engine.plan(env.to_footsteps(extreme[row], limits), robots)
+        goals = trajectory.trunk[:, -1, [0, 1, 5]] - start
+        goals[:, :2] *= 1 + 0.0499 / np.hypot(*goals.T[:2])[:, None]
+        goals[:, 2] += np.copysign(math.radians(9.99), goals[:, 2])
+        least = evaluate.least_time(goals, world) / engine.period
+        assert least.max() <= steps + 1e-9, f"{extreme[row[least.argmax()]]} is faster"
+        assert least.max() == pytest.approx(steps), "some walk needs all of these double steps"
 
 OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
 IN = (0.02, -0.03, math.radians(9))  # 3.6 cm and 9° from the goal

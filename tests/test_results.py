@@ -7,6 +7,7 @@ from functools import cache
 from importlib import import_module
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 
 import baseline
 import common
@@ -36,6 +37,10 @@ def shipped_trials(sim):
                           encoding="utf-8")
     columns = {name: lines[name] for name in lines.dtype.names}
     columns |= {name: lines[name] == "yes" for name in ("noise", "still_there", "reached_once")}
+    goals = np.column_stack([columns[name] for name in ("x", "y", "yaw")])
+    engine = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED[sim])
+    columns["least"] = evaluate.least_time(goals, SimpleNamespace(
+        task=env.Task(), limits=env.LIMITS[sim], engine=engine))
     keys = list(zip(*(columns[name].tolist() for name in ("planner", "noise", "goal_std_m"))))
     return {key: {name: column[[other == key for other in keys]]
                   for name, column in columns.items()} for key in dict.fromkeys(keys)}
