@@ -240,7 +240,7 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0), row_of("mine", True, None)]
     ratio = {"planner": "policy", "reference": "mine", "noise": False, "goal_std_m": None,
              "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6], "median": 0.45,
-             "slower": 0.125}
+             "slower": 0.125, "over_optimum": 2.5}
     ours, _, once, _, ratios = evaluate.table(rows, [ratio]).split("\n\n")
     assert "paper" not in ours, "its success means something else: not in the same column"
     assert "| own | yes | mine | 0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00 ± 1.00 |" in ours
@@ -248,7 +248,7 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
         "| yes | policy | ours | 0.750 | 0.000 | 0.250 | 6.00 ± 1.63 |",
         "| yes | policy | paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 |"], (
             "of other planners, and of goals twice as far, Table II says nothing")
-    assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 7 |" in ratios
+    assert "| own | no | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 2.50 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
 
 class Recorder:
