@@ -220,10 +220,8 @@ def hand_written(measured, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
     wish = np.stack([measured[:, 0] / 2, measured[:, 1], turn / 2], -1)  # [n, 3] of each foot
-    most = np.array([0.06, 0.07, 0.15])  # [m, m, rad]
-    wish = np.clip(wish, -most, most)
     steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
-    steps[..., 1] = np.maximum(steps[..., 1], 0)
+    steps = np.clip(steps, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
     return to_action(steps, limits)
 
 # ------------------------------------------------------------------------ the estimate
@@ -254,9 +252,9 @@ def correct(goal, variance, measured, noise):
     return goal, gain * np.square(noise)
 
 # ------------------------------------------------------------------------ the world
-# In every episode a robot has one generator for each purpose. So a planner that measures the goal
-# twice does not change the ground.
-PURPOSES = ("goal", "world", "noise", "imu", "push", "gyro")
+# In every episode a robot has one generator for each of six purposes. So a planner that measures
+# the goal twice does not change the ground.
+GOAL, WORLD, NOISE, IMU, PUSH, GYRO = range(6)
 PUSH_TICKS = 5  # how long a push lasts
 
 @dataclass(frozen=True)
@@ -291,8 +289,9 @@ class FootstepWorld:
         self.most_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
-        self.rng = [np.random.default_rng() for _ in range(num_robots)]
-        self.dice = [{}] * num_robots  # a generator by purpose, for each robot; made by `reset`
+        # [N] each robot's generator, which goes on from episode to episode. It makes all others:
+        self.rng = np.array(np.random.default_rng().spawn(num_robots))
+        self.dice = np.empty((num_robots, 6), object)  # those of the episode, a column per purpose
         self.friction = np.zeros(num_robots)  # μ of the episode
         self.gyro_offset = np.zeros((num_robots, 2))  # [rad/s] constant error of x and y
         self.goal = np.zeros((num_robots, 3))
@@ -314,31 +313,27 @@ class FootstepWorld:
         """
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
-        for i, rng in zip(robots, rngs or [self.rng[i] for i in robots], strict=True):
-            self.rng[i] = rng
-            # spawn returns new generators at every call, so every episode differs.
-            self.dice[i] = dict(zip(PURPOSES, rng.spawn(len(PURPOSES))))
-        if goals is None:
-            goals = [self._draw_goal(self.dice[i]["goal"]) for i in robots]
+        if rngs:
+            self.rng[robots] = rngs
+        # spawn returns new generators at every call, so every episode differs.
+        self.dice[robots] = [rng.spawn(6) for rng in self.rng[robots]]
+        if goals is None:  # far with probability ½
+            goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
+                     for rng in self.dice[robots, GOAL]]
         self.goal[robots] = goals
-        body = self.spread.draw([self.dice[i]["world"] for i in robots], self.engine.robot)
+        body = self.spread.draw(self.dice[robots, WORLD], self.engine.robot)
         body.friction = np.where(np.isnan(friction), body.friction, friction)
         self.friction[robots] = body.friction
         self.sim.reset(robots, body)
         self.engine.reset(robots)
-        self.gyro_offset[robots] = [
-            self.dice[i]["gyro"].uniform(-self.spread.gyro, self.spread.gyro, 2) for i in robots]
-        self.estimate[robots] = 0
+        self.gyro_offset[robots] = [rng.uniform(-self.spread.gyro, self.spread.gyro, 2)
+                                    for rng in self.dice[robots, GYRO]]
         self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
-        self.pose[robots] = 0
+        self.estimate[robots] = self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
         self.steps[robots] = self.age[robots] = 0
         self.inside[robots] = False
-
-    def _draw_goal(self, rng):
-        """A goal for training [3]: far with probability ½."""
-        return draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
 
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
@@ -346,14 +341,14 @@ class FootstepWorld:
 
     def _noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
-        drawn = [self.dice[i][purpose].normal(size=len(std)) for i in robots]
-        return exact + np.array(drawn) * std
+        rngs = self.dice[robots, purpose]
+        return np.array([rng.normal(mean, std) for rng, mean in zip(rngs, exact)])
 
     def measure(self, robots):
         """The goal [n, 3] as the robot knows it after one more measurement."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
-        measured = self._noisy("noise", self.relative_goal(robots), robots, std)
+        measured = self._noisy(NOISE, self.relative_goal(robots), robots, std)
         # Without noise K is 1: only the new measurement counts. (Not 0 / 0 if it is made twice.)
         self.estimate[robots], self.variance[robots] = correct(
             self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12))
@@ -366,22 +361,22 @@ class FootstepWorld:
         # force = mass·Δv / duration [N]
         force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
         for row, i in enumerate(robots):
-            noise = self.dice[i]["gyro"].normal(size=(ticks, 2))
-            trajectory.gyro[row] = self.gyro_offset[i] + self.task.imu_rad_s * noise
-            chance, begin, way = self.dice[i]["push"].random(3)  # also if unused
+            trajectory.gyro[row] = self.dice[i, GYRO].normal(
+                self.gyro_offset[i], self.task.imu_rad_s, (ticks, 2))
+            chance, begin, way = self.dice[i, PUSH].random(3)  # also if unused
             if chance < self.push_chance:
                 first = int(begin * (ticks - PUSH_TICKS + 1))
                 angle = np.pi * (round(way) if self.engine.planar else 2 * way)
-                trajectory.push[row, first : first + PUSH_TICKS] = robot_model.turned(
-                    np.array([force, 0]), angle)
+                push = robot_model.turned([force, 0], angle)  # [2]
+                trajectory.push[row, first : first + PUSH_TICKS] = push
 
     def observe(self, robots, measured):
         """Observations [n, 25], float32, as in `observation_table`; measured goals [n, 3]."""
         std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
-        tilt = self._noisy("imu", self.tilt[robots], robots, self.noise * std)
-        tilt /= [0.25, 0.25, 1, 1, 1]  # units of the table
+        tilt = self._noisy(IMU, self.tilt[robots], robots, self.noise * std)
+        tilt[:, :2] /= 0.25  # [rad] in the table's unit
         last = 2 * self.actions[robots].reshape(-1, 12) - 1
-        observation = np.concatenate([encode_goal(measured), last, tilt], -1)
+        observation = np.hstack([encode_goal(measured), last, tilt])
         return np.clip(observation, *bounds(imu=True)).astype(np.float32)
 
     def look(self, robots):
@@ -408,14 +403,14 @@ class FootstepWorld:
         before = self.relative_goal(robots)
         last = self.actions[robots, 0]
         trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
-        trunk = trajectory.trunk[:, :, [0, 1, 5]]
+        trunk = trajectory.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
         self.estimate[robots], self.variance[robots] = predict(
             self.estimate[robots], self.variance[robots],
             robot_model.relative(trunk[:, 0], trunk[:, -1]), self.task.drift)
         self._disturb(trajectory, robots)
         motion = self.sim.run(trajectory, robots)
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
-        self.tilt[robots] = np.concatenate([motion.torso[:, -1, 3:5], motion.spin], -1)
+        self.tilt[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.spin])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
         after = self.relative_goal(robots)
@@ -446,7 +441,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     Then `step` returns the first observation of the next episode; the last one of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
     """
-    metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, "render_modes": []}
+    metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False,
                  **settings):
@@ -478,12 +473,11 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
         observations = self.world.look(self.robots)
-        infos = result.copy()
+        infos = result
         ended = terminated | truncated
         if self.autoreset and ended.any():
-            infos["final_obs"] = observations.copy()
-            infos["final_info"] = result
-            infos["_final_obs"] = infos["_final_info"] = ended
+            infos = result | {"final_obs": observations.copy(), "_final_obs": ended,
+                              "final_info": result, "_final_info": ended}
             self.world.reset(self.robots[ended])
             observations[ended] = self.world.look(self.robots[ended])
         return observations, result["reward"], terminated, truncated, infos

@@ -763,7 +763,7 @@ def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(mak
     where = np.tile([3.0, 0, 0], (8, 1))
     monkeypatch.setattr(envs.world.sim, "run", lambda _, robots: motion(where[robots], [False] * 8))
     envs.reset(seed=1, options={"goals": [[9.0, 0, 0]] * 8})
-    monkeypatch.setattr(envs.world, "_draw_goal", lambda rng: np.array([9.0, 0, 0]))
+    monkeypatch.setattr(env, "draw_goals", lambda *_, far: np.array([[9.0, 0, 0]]))
     whole = envs.world.most_steps
     ends = [envs.step(np.full((8, 6), 0.5))[3] for _ in range(3 * whole)]
     steps = [np.flatnonzero(column) + 1 for column in np.array(ends).T]  # when each one timed out

@@ -298,7 +298,7 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     equal(noise, first_noise(Wild(), world, six), err_msg=hint)
     equal(noise[:2], first_noise(Recorder(), world, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
-    dice = env.stream("evaluation", 3, 0).spawn(len(env.PURPOSES))[env.PURPOSES.index("noise")]
+    dice = env.stream("evaluation", 3, 0).spawn(6)[env.NOISE]
     close(noise[0], dice.normal(size=3) * 0.05, err_msg="more than one measurement for a decision")
 
 def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):

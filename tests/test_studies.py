@@ -105,9 +105,9 @@ def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(400, "pymunk", noise=True, cores=1)
     world.reset(robots, [np.random.default_rng([0, i]) for i in robots])
-    seen = [world._noisy("noise", zero, robots, std) for world.steps[:] in range(12)]
+    seen = [world._noisy(env.NOISE, zero, robots, std) for world.steps[:] in range(12)]
     world.steps[:] = 0
-    anew = world._noisy("noise", zero, robots, std)
+    anew = world._noisy(env.NOISE, zero, robots, std)
     world.close()
     close(np.std(seen, (1, 2)), 0.05, rtol=0.08, err_msg="also the first")
     for one, other, want in ((seen[:-1], seen[1:], 0.9), (seen[:-5], seen[5:], 0.9**5),

@@ -49,7 +49,7 @@ class SlowNoise(env.FootstepWorld):
 
     def _noisy(self, purpose, exact, robots, std):
         noisy = super()._noisy(purpose, exact, robots, std)
-        if purpose != "noise" or not self.noise:
+        if purpose != env.NOISE or not self.noise:
             return noisy
         # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
         new = noisy - exact
