@@ -31,6 +31,7 @@ from importlib import import_module
 import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
+from gymnasium.vector.utils import batch_space
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
@@ -43,7 +44,7 @@ class Task:
     far_std_m: float = 1.0  # [m] the same σ for half of the goals in training, and `05 --far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
-    success_rad: float = 10 * (np.pi / 180)  # [rad] paper
+    success_rad: float = np.radians(10)  # [rad] paper
     time_limit: float = 100.0  # [s] simulated; paper
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
@@ -356,19 +357,17 @@ class FootstepWorld:
 
     def _disturb(self, trajectory, robots):
         """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
-        ticks = trajectory.push.shape[1]
         robot = self.engine.robot
         # force = mass·Δv / duration [N]
         force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
-        for row, i in enumerate(robots):
-            trajectory.gyro[row] = self.dice[i, GYRO].normal(
-                self.gyro_offset[i], self.task.imu_rad_s, (ticks, 2))
+        for i, gyro, push in zip(robots, trajectory.gyro, trajectory.push):  # [T, 2] each, views
+            gyro[:] = self.dice[i, GYRO].normal(
+                self.gyro_offset[i], self.task.imu_rad_s, gyro.shape)
             chance, begin, way = self.dice[i, PUSH].random(3)  # also if unused
             if chance < self.push_chance:
-                first = int(begin * (ticks - PUSH_TICKS + 1))
+                first = int(begin * (len(push) - PUSH_TICKS + 1))
                 angle = np.pi * (round(way) if self.engine.planar else 2 * way)
-                push = robot_model.turned([force, 0], angle)  # [2]
-                trajectory.push[row, first : first + PUSH_TICKS] = push
+                push[first : first + PUSH_TICKS] = robot_model.turned([force, 0], angle)
 
     def observe(self, robots, measured):
         """Observations [n, 25], float32, as in `observation_table`; measured goals [n, 3]."""
@@ -399,6 +398,7 @@ class FootstepWorld:
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
         success is that of the first of the two double steps that ended inside.
         """
+        task = self.task
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before = self.relative_goal(robots)
         last = self.actions[robots, 0]
@@ -406,23 +406,24 @@ class FootstepWorld:
         trunk = trajectory.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
         self.estimate[robots], self.variance[robots] = predict(
             self.estimate[robots], self.variance[robots],
-            robot_model.relative(trunk[:, 0], trunk[:, -1]), self.task.drift)
+            robot_model.relative(trunk[:, 0], trunk[:, -1]), task.drift)
         self._disturb(trajectory, robots)
         motion = self.sim.run(trajectory, robots)
+        fall = motion.fell
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
         self.tilt[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.spin])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
-        there = (d <= self.task.success_m) & (np.abs(alpha) <= self.task.success_rad)
-        inside = there & ~motion.fell  # a fall wins
+        # A fall wins.
+        inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
         late = self.steps[robots] + self.age[robots] >= self.most_steps
-        timeout = late & ~success & ~motion.fell
-        terms = reward_terms(before, after, actions, last, motion.fell, success, self.task)
-        return {"success": success, "fall": motion.fell, "timeout": timeout, "inside": inside,
+        timeout = late & ~success & ~fall
+        terms = reward_terms(before, after, actions, last, fall, success, task)
+        return {"success": success, "fall": fall, "timeout": timeout, "inside": inside,
                 "time": (self.steps[robots] - success) * self.engine.period,
                 "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
 
@@ -449,10 +450,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.staggered = staggered  # the first episodes get less time, so they end one by one
         self.autoreset = True  # does a finished episode start anew?
         self.single_observation_space = gym.spaces.Box(*bounds(imu))
-        self.single_action_space = gym.spaces.Box(0.0, 1.0, (6,), np.float32)
-        self.observation_space = gym.vector.utils.batch_space(
-            self.single_observation_space, num_envs)
-        self.action_space = gym.vector.utils.batch_space(self.single_action_space, num_envs)
+        self.single_action_space = gym.spaces.Box(0, 1, (6,))
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, noise, imu=imu, **settings)
         self.close_extras = self.world.close  # called once by `close`
         self.neutral_action = self.world.neutral_action
@@ -516,11 +516,11 @@ class FootstepEnv(gym.Env):
         figure, axes = plt.subplots(figsize=(4, 4), dpi=100)
         view = robot_model.camera()
         robot_model.draw_ground(axes, view, 4)
-        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
+        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "g*", ms=15)
         torso, joints = self.seen
         robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], view)
         _, x, y = view @ torso[:3]
-        axes.set(xlim=(x - 0.6, x + 0.6), ylim=(y - 0.6, y + 0.6))
+        axes.axis([x - 0.6, x + 0.6, y - 0.6, y + 0.6])
         figure.canvas.draw()
         picture = np.array(figure.canvas.buffer_rgba())[..., :3]
         plt.close(figure)
@@ -531,61 +531,58 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 # ------------------------------------------------------------------------ demonstration
 def plot_rewards(means, paid, path, title):
     """Left: the sum of each term per episode that ended, [7] by planner. Right: one episode of one
-    robot, what each term paid in its K double steps, [7, K].
+    robot, what each term paid in its K double steps, [K, 7].
     """
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    places = np.arange(7)
     figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
-    for shift, color, (planner, mean) in zip((0.2, -0.2), ("0.7", "tab:cyan"), means.items()):
-        bars.barh(places + shift, mean, 0.4, color=color, label=planner)
-    bars.set(title=title, xlabel="sum of rewards / ended episodes [1]", yticks=places,
-             yticklabels=words, xscale="symlog")  # linear from −2 to 2, logarithmic beyond
+    bars.barh(words, means["random"], 0.8, color="0.8", label="random")
+    bars.barh(words, means["hand-written"], 0.4, color="tab:cyan", label="hand-written")
+    bars.set_xscale("symlog", linthresh=1)  # linear from −1 to 1, logarithmic beyond
+    bars.set(title=title, xlabel="sum of rewards / ended episodes [1]")
     bars.invert_yaxis()
     bars.legend(loc="lower right")
-    curves.plot(np.cumsum(paid, 1).T, label=words)
-    curves.axvline(len(paid[0]) - 1, color="black", ls=":", label="it has arrived")
-    curves.set(title="One robot, hand-written planner", xlabel="double step",
+    curves.plot(paid.cumsum(0), label=words)
+    curves.axvline(len(paid) - 1, color="0.5", label="the end")
+    curves.set(title="One episode, hand-written planner", xlabel="double step",
                ylabel="sum of rewards so far [1]")
-    curves.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    curves.legend(loc=(1.02, 0.2))
     robot_model.save_figure(figure, path)
 
 def main():
     parser = robot_model.StageParser(__doc__)
     args = parser.parse()
-    out = parser.folder(args)
+    path = parser.folder(args) / "03_rewards.png"
     limits = LIMITS[args.sim]
-    line = "{:32} {:>22} {:>7} {:>7}"
-    for row in (("observation", "unit", "low", "high"), *observation_table()):
-        print(line.format(*row))
-    print(line.format("\naction (outward is positive) ", "unit", "0 is", "1 is"))
-    for row in zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2):
-        print(line.format(*row))
+    for row in (
+            ("observation", "unit", "low", "high"), *observation_table(),
+            ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
+            *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2)):
+        print("{:32} {:>22} {:>7} {:>7}".format(*row))
 
     count, steps = 64, 60
     envs = FootstepVectorEnv(count, args.sim)
     rng = stream("training", args.seed, 0)
-    planners = {"random": lambda goals, limits: rng.random((len(goals), 6)),
-                "hand-written": hand_written}
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     means = {}
-    for planner, act in planners.items():
+    for planner in ("random", "hand-written"):
         envs.reset(seed=count * args.seed)  # other robots for another seed
         rows = []
         for _ in range(steps):
-            goals = envs.world.measure(envs.robots)
-            *_, infos = envs.step(act(goals, limits))
+            actions = rng.random((count, 6))
+            if planner == "hand-written":
+                actions = hand_written(envs.world.measure(envs.robots), limits)
+            *_, infos = envs.step(actions)
             rows.append([*infos["reward_terms"].values()])
         paid = np.array(rows)  # [60, 7, 64]
-        arrived = paid[:, 5] > 0  # [60, 64]
-        goals, falls = arrived.sum(), (paid[:, 4] < 0).sum()
-        means[planner] = paid.sum((0, 2)) / (goals + falls)
+        ended = paid[:, 4:6] != 0  # [60, 2, 64] by a fall, at the goal
+        falls, goals = ended.sum((0, 2))
+        means[planner] = paid.sum((0, 2)) / ended.sum()
         print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
-    first = arrived.argmax(0)  # [64] the double step of the first arrival
-    robot = first.argmax()  # it had the longest way
-    plot_rewards(means, paid[: first[robot] + 1, :, robot].T, out / "03_rewards.png",
-                 f"{count} robots ({args.sim})")
-    print("Look at", out / "03_rewards.png")
+    first = ended.any(1).argmax(0)  # [64] the double step in which the first episode ended
+    robot = first.argmax()  # its first episode was the longest
+    plot_rewards(means, paid[: first[robot] + 1, :, robot], path, f"{count} robots ({args.sim})")
+    print("Look at", path)
 
 if __name__ == "__main__":
     robot_model.run(main)
