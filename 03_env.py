@@ -161,8 +161,8 @@ def polar(goal):
 def encode_goal(goal):
     """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
-    x, y = np.clip(np.moveaxis(goal, -1, 0)[:2] / 0.5, -1, 1)
-    return np.stack([np.minimum(d, 2.0), x, y, np.cos(beta), np.sin(beta),
+    zoomed = np.clip(goal / 0.5, -1, 1)  # [..., 3] x, y; the yaw is not used
+    return np.stack([np.minimum(d, 2.0), zoomed[..., 0], zoomed[..., 1], np.cos(beta), np.sin(beta),
                      np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
 
 # ------------------------------------------------------------------------ actions
@@ -274,14 +274,15 @@ class FootstepWorld:
     alone. Ground and body do not depend on the planner, and the k-th measurement of a robot has the
     same noise for all planners.
     """
-    def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel(), spread=Spread(), imu=False):
+    push = 0.0  # [m/s] Δv of the pushes
+
+    def __init__(self, num_robots, sim="pymunk", noise=False, imu=False, task=Task(), cores=None,
+                 robot=robot_model.RobotModel(), spread=Spread()):
         self.task = task
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
         self.columns = len(observation_table(imu))  # of what `look` returns; the IMU's are the last
-        self.push = 0.0  # [m/s] Δv of the pushes
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
         self.push_chance = self.engine.period / task.push_every  # of a push in a double step
@@ -443,17 +444,17 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    autoreset = True  # does a finished episode start anew?
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False,
                  **settings):
         self.num_envs = num_envs
         self.staggered = staggered  # the first episodes get less time, so they end one by one
-        self.autoreset = True  # does a finished episode start anew?
         self.single_observation_space = gym.spaces.Box(*bounds(imu))
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.world = FootstepWorld(num_envs, sim, noise, imu=imu, **settings)
+        self.world = FootstepWorld(num_envs, sim, noise, imu, **settings)
         self.close_extras = self.world.close  # called once by `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
