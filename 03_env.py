@@ -106,10 +106,7 @@ GOAL_TABLE = (
     ("distance d, clipped", "m", 0.0, 2.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     ("y = d·sin β, zoomed and clipped", "0.5 m", -1.0, 1.0),
-    ("cos β", "1", -1.0, 1.0),
-    ("sin β", "1", -1.0, 1.0),
-    ("cos α", "1", -1.0, 1.0),
-    ("sin α", "1", -1.0, 1.0),
+    *((name, "1", -1.0, 1.0) for name in ("cos β", "sin β", "cos α", "sin α")),
     ("α / π", "π rad", -1.0, 1.0),
 )
 # What a double step does also depends on how the body moves when it begins. Without a sensor for
@@ -219,8 +216,9 @@ def hand_written(measured, limits):
     """
     d, alpha, beta = polar(measured)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
+    x, y, _ = measured.T
     # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
-    wish = np.stack([measured[:, 0] / 2, measured[:, 1], turn / 2], -1)  # [n, 3] of each foot
+    wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] of each foot
     steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
     steps = np.clip(steps, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
     return to_action(steps, limits)
@@ -276,13 +274,12 @@ class FootstepWorld:
     """
     push = 0.0  # [m/s] Δv of the pushes
 
-    def __init__(self, num_robots, sim="pymunk", noise=False, imu=False, task=Task(), cores=None,
+    def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
                  robot=robot_model.RobotModel(), spread=Spread()):
         self.task = task
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
-        self.columns = len(observation_table(imu))  # of what `look` returns; the IMU's are the last
         self.engine = walk_engine.WalkEngine(
             num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
         self.push_chance = self.engine.period / task.push_every  # of a push in a double step
@@ -379,10 +376,6 @@ class FootstepWorld:
         observation = np.hstack([encode_goal(measured), last, tilt])
         return np.clip(observation, *bounds(imu=True)).astype(np.float32)
 
-    def look(self, robots):
-        """Observations [n, 20 or 25] after one more measurement."""
-        return self.observe(robots, self.measure(robots))[:, : self.columns]
-
     def view(self, robots, measured):
         """What a planner may use for these robots, beside the measured goals [n, 3]."""
         return View(
@@ -454,7 +447,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.world = FootstepWorld(num_envs, sim, noise, imu, **settings)
+        self.columns = len(observation_table(imu))  # that are observed; the IMU's are the last
+        self.world = FootstepWorld(num_envs, sim, noise, **settings)
         self.close_extras = self.world.close  # called once by `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
@@ -466,21 +460,25 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
         if self.staggered:
             self.world.age[:] = self.np_random.integers(self.world.most_steps, size=self.num_envs)
-        return self.world.look(self.robots), {}
+        return self.look(self.robots), {}
+
+    def look(self, robots):
+        """Observations [n, 20 or 25] after one more measurement."""
+        return self.world.observe(robots, self.world.measure(robots))[:, : self.columns]
 
     def step(self, actions):
         """infos: the result of `FootstepWorld.step`, and final_obs, final_info."""
         result = self.world.step(actions, self.robots)
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
-        observations = self.world.look(self.robots)
+        observations = self.look(self.robots)
         infos = result
         ended = terminated | truncated
         if self.autoreset and ended.any():
             infos = result | {"final_obs": observations.copy(), "_final_obs": ended,
                               "final_info": result, "_final_info": ended}
             self.world.reset(self.robots[ended])
-            observations[ended] = self.world.look(self.robots[ended])
+            observations[ended] = self.look(self.robots[ended])
         return observations, result["reward"], terminated, truncated, infos
 
 class FootstepEnv(gym.Env):
@@ -569,8 +567,9 @@ def main():
         envs.reset(seed=count * args.seed)  # other robots for another seed
         rows = []
         for _ in range(steps):
-            actions = rng.random((count, 6))
-            if planner == "hand-written":
+            if planner == "random":
+                actions = rng.random((count, 6))
+            else:
                 actions = hand_written(envs.world.measure(envs.robots), limits)
             *_, infos = envs.step(actions)
             rows.append([*infos["reward_terms"].values()])

@@ -144,14 +144,12 @@ def test_many_goals_are_encoded_each_by_itself(shape):
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
-    robots = np.array([0, 1, 2])
-    plain, more = (make(env.FootstepWorld, 3, sim, noise=True, cores=1, imu=imu)
+    plain, more = (make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1, imu=imu)
                    for imu in (False, True))
-    for world in (plain, more):
-        world.reset(robots, [env.stream("training", 0, i) for i in robots])
-    seen = plain.look(robots)
+    seen, _ = plain.reset(seed=0)
     assert seen.shape == (3, 20), "the IMU is observed only when it is asked for"
-    equal(more.look(robots)[:, :20], seen)
+    equal(more.reset(seed=0)[0][:, :20], seen)
+    world, robots = more.world, more.robots
     world.noise = False
     goals = world.measure(robots)
     lean = 4 * world.engine.parameters.trunk_pitch

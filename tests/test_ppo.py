@@ -659,7 +659,7 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
     assert told["about"]["fits"] == env.fingerprint(sim, imu) != env.fingerprint(sim, not imu)
     assert (told["about"]["noise"], told["about"]["imu"]) == (noise, imu)
     envs = told["make_envs"](1)
-    assert (envs.world.noise, envs.world.columns) == (noise, 20 + 5 * imu), (
+    assert (envs.world.noise, envs.columns) == (noise, 20 + 5 * imu), (
         "the flag must reach the environment")
     assert envs.staggered, "else the first episodes after a reset end together"
     assert envs.world.push == 0, "trained without pushes"
