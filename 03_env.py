@@ -122,7 +122,7 @@ IMU_TABLE = (
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
-    return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
+    return GOAL_TABLE + PREVIOUS_TABLE + IMU_TABLE * imu  # times False: none of its rows
 
 def bounds(imu):
     """The lowest and the highest observation, [2, 20 or 25]."""
@@ -146,7 +146,7 @@ def stream(name, seed, *more):
 def draw_goals(rng, count, task=Task(), far=False):
     """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
     std = task.far_std_m if far else task.goal_std_m
-    goals = rng.normal(size=(count, 3)) * (std, std, task.goal_std_rad)
+    goals = rng.normal(0, (std, std, task.goal_std_rad), (count, 3))
     goals[:, 2] = wrap(goals[:, 2])
     return goals
 
@@ -291,16 +291,21 @@ class FootstepWorld:
         # [N] each robot's generator, which goes on from episode to episode. It makes all others:
         self.rng = np.array(np.random.default_rng().spawn(num_robots))
         self.dice = np.empty((num_robots, 6), object)  # those of the episode, a column per purpose
-        self.friction = np.zeros(num_robots)  # μ of the episode
-        self.gyro_offset = np.zeros((num_robots, 2))  # [rad/s] constant error of x and y
-        self.goal = np.zeros((num_robots, 3))
-        self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
-        self.variance = np.zeros((num_robots, 3))  # of the estimate's error [m², m², rad²]
-        self.pose = np.zeros((num_robots, 3))  # torso on the ground, true
-        self.tilt = np.zeros((num_robots, 5))  # roll, pitch [rad], angular velocity [rad/s]
-        self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
+
+        def zeros(*shape):
+            """A row of zeros for every robot."""
+            return np.zeros((num_robots, *shape))
+
+        self.friction = zeros()  # μ of the episode
+        self.gyro_offset = zeros(2)  # [rad/s] constant error of x and y
+        self.goal = zeros(3)
+        self.estimate = zeros(3)  # of the goal, seen from the robot
+        self.variance = zeros(3)  # of the estimate's error [m², m², rad²]
+        self.pose = zeros(3)  # torso on the ground, true
+        self.tilt = zeros(5)  # roll, pitch [rad], angular velocity [rad/s]
+        self.actions = zeros(2, 6)  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
-        self.age = np.zeros(num_robots, int)  # that count as taken already, see `staggered`
+        self.allowed = np.zeros(num_robots, int)  # double steps of this episode at most
         self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
 
     def reset(self, robots, rngs=(), goals=None, friction=np.nan):
@@ -331,7 +336,8 @@ class FootstepWorld:
         self.estimate[robots] = self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
-        self.steps[robots] = self.age[robots] = 0
+        self.steps[robots] = 0
+        self.allowed[robots] = self.most_steps
         self.inside[robots] = False
 
     def relative_goal(self, robots):
@@ -340,8 +346,8 @@ class FootstepWorld:
 
     def _noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
-        rngs = self.dice[robots, purpose]
-        return np.array([rng.normal(mean, std) for rng, mean in zip(rngs, exact)])
+        return np.array([rng.normal(mean, std)
+                         for rng, mean in zip(self.dice[robots, purpose], exact)])
 
     def measure(self, robots):
         """The goal [n, 3] as the robot knows it after one more measurement."""
@@ -414,7 +420,7 @@ class FootstepWorld:
         inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
-        late = self.steps[robots] + self.age[robots] >= self.most_steps
+        late = self.steps[robots] >= self.allowed[robots]
         timeout = late & ~success & ~fall
         terms = reward_terms(before, after, actions, last, fall, success, task)
         return {"success": success, "fall": fall, "timeout": timeout, "inside": inside,
@@ -459,7 +465,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
         if self.staggered:
-            self.world.age[:] = self.np_random.integers(self.world.most_steps, size=self.num_envs)
+            self.world.allowed -= self.np_random.integers(
+                self.world.most_steps, size=self.num_envs)
         return self.look(self.robots), {}
 
     def look(self, robots):
@@ -477,8 +484,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         if self.autoreset and ended.any():
             infos = result | {"final_obs": observations.copy(), "_final_obs": ended,
                               "final_info": result, "_final_info": ended}
-            self.world.reset(self.robots[ended])
-            observations[ended] = self.look(self.robots[ended])
+            fresh = self.robots[ended]
+            self.world.reset(fresh)
+            observations[fresh] = self.look(fresh)
         return observations, result["reward"], terminated, truncated, infos
 
 class FootstepEnv(gym.Env):
