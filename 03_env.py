@@ -122,7 +122,7 @@ IMU_TABLE = (
 
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
-    return GOAL_TABLE + PREVIOUS_TABLE + IMU_TABLE * imu  # times False: none of its rows
+    return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
 def bounds(imu):
     """The lowest and the highest observation, [2, 20 or 25]."""
@@ -523,7 +523,7 @@ class FootstepEnv(gym.Env):
         figure, axes = plt.subplots(figsize=(4, 4), dpi=100)
         view = robot_model.camera()
         robot_model.draw_ground(axes, view, 4)
-        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "g*", ms=15)
+        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
         torso, joints = self.seen
         robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], view)
         _, x, y = view @ torso[:3]
@@ -549,7 +549,7 @@ def plot_rewards(means, paid, path, title):
     bars.invert_yaxis()
     bars.legend(loc="lower right")
     curves.plot(paid.cumsum(0), label=words)
-    curves.axvline(len(paid) - 1, color="0.5", label="the end")
+    curves.axvline(len(paid) - 1, color="0.5", label="end of the episode")
     curves.set(title="One episode, hand-written planner", xlabel="double step",
                ylabel="sum of rewards so far [1]")
     curves.legend(loc=(1.02, 0.2))
