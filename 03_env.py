@@ -547,7 +547,7 @@ def plot_rewards(means, paid, path, title):
     bars.set_xscale("symlog", linthresh=1)  # linear from −1 to 1, logarithmic beyond
     bars.set(title=title, xlabel="sum of rewards / ended episodes [1]")
     bars.invert_yaxis()
-    bars.legend(loc="lower right")
+    bars.legend(loc=(0.02, 0.62))
     curves.plot(paid.cumsum(0), label=words)
     curves.axvline(len(paid) - 1, color="0.5", label="end of the episode")
     curves.set(title="One episode, hand-written planner", xlabel="double step",
