@@ -172,13 +172,3 @@ def test_predictions_show_what_their_commands_print(tmp_path, name, commands, to
         words, values = numbers(line)
         assert any(words == other and values == pytest.approx(more, abs=tolerance)
                    for other, more in found), f"predict.md, {name}: {line!r}, but:\n{printed}"
-
-@pytest.mark.slow
-def test_find_the_bug_shows_what_stage_2_prints(tmp_path):
-    page = (EXERCISES / "debug.md").read_text(encoding="utf-8").replace("−", "-")
-    row, = re.findall(r"^\| before \| (-?[\d., -]+) \| (-?[\d., -]+) \|",
-                      page.split("\n## lopsided:")[1], re.MULTILINE)[:1]
-    printed = run("02_walk_engine.py", "--mujoco", folder=tmp_path).stdout
-    for walk, cell in zip(("forward", "a left turn"), row):
-        line, = re.findall(rf"^{walk} .*$", printed, re.MULTILINE)
-        assert numbers(line)[1][3:6] == pytest.approx(numbers(cell)[1], abs=0.011), (walk, cell)

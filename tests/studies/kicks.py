@@ -22,11 +22,8 @@ PUSH = 0.4  # [m/s] of the part `worlds`
 
 def study_pushes(args):
     """Every planner at every Δv, with the reflex and without it."""
-    shipped = RESULTS / args.sim
-    planners = {"policy": common.policy(shipped / "policy.pt", args.sim)}
-    if (shipped / "imu" / "policy.pt").is_file():
-        planners["policy_imu"] = common.policy(shipped / "imu" / "policy.pt", args.sim)
-    planners["baseline_tuned"] = common.opponents(args.sim)["baseline_tuned"]
+    planners = {"policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
+                "baseline_tuned": common.opponents(args.sim)["baseline_tuned"]}
     rows = []
     for reflex in (True, False):
         with common.world(args.sim) as world:
