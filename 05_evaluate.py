@@ -657,7 +657,7 @@ def run(world, blocks, planners, shown, facts, args, out):
     write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
     world.push = 0.0  # not in figures
-    trials = draw_trials(args.seed, len(FIGURE_GOALS))
+    trials = draw_trials(args.seed, len(FIGURE_GOALS), friction=args.friction)
     trials.goals = FIGURE_GOALS
     if own := blocks.get(None):  # the first goals of your own
         trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
