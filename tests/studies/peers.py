@@ -1,20 +1,10 @@
-"""Do other implementations of PPO learn the same? Stable-Baselines3, and RLlib as a recipe.
+"""Does another implementation of PPO learn the same? Stable-Baselines3 on the same robots.
 
     python -m pip install stable-baselines3==2.9.2
     python tests/studies/peers.py [--mujoco] [--out FOLDER]
 
 Ours starts all episodes anew after every 10th update, theirs never. If ours is right, the ranges of
 their seeds overlap. (Two equal ones fail that in one case of ten.)
-
-RLlib (the rows "RLlib") needs another Gymnasium: `python -m pip install "ray[rllib]==2.60.0"` in a
-virtual environment of its own. Its processes import the stages anew:
-`ray.init(runtime_env={"env_vars": {"PYTHONPATH": this folder}})`,
-`register_env("footsteps", lambda settings: import_module("03_env").FootstepEnv(**settings))`. Take
-our settings as below, two `num_env_runners` with eight robots each, `use_kl_loss=False` and
-`vf_clip_param=inf`. Its first policy is so wide that the robot falls. So set, in the weights of its
-last layer, the bias to the neutral action (on its scale −1 to 1) and to ln σ, and multiply the rest
-by 0.01. On a cluster: start Ray there, with this folder at the same place on every machine; set
-RAY_ADDRESS.
 """
 
 from dataclasses import replace
@@ -34,8 +24,8 @@ except ImportError:  # `study_sb3` says so
     stable_baselines3, VecEnv = None, object
 
 torch = ppo.torch
-DURATION = "15 minutes on two cores; 3-D: 30"
-STEPS = 100_000  # double steps of a training
+DURATION = "10 minutes on two cores; 3-D: 20"
+STEPS = ablations.STEPS  # double steps of a training
 CFG = replace(ppo.PPOConfig(), sharpest=1.0)
 UPDATE = CFG.num_envs * CFG.rollout  # double steps
 LOG_STD = float(-0.5 * np.log(4 * (CFG.first_concentration + 1)))  # as in `GaussianActor`
@@ -115,10 +105,10 @@ PARTS = {"sb3": study_sb3}
 def table(found, sim):
     """All trainings."""
     columns = {"kind": 0, "seed": 0, "success": 3, "fall": 3, "time_mean": 2, "seconds": 0}
-    return common.sections(found, {"sb3": columns, "rllib": columns})
+    return common.sections(found, {"sb3": columns})
 
 def plot(found, sim):
-    """The same, without RLlib."""
+    """Success and time of every training."""
     return common.dots(found["sb3"]["rows"], "kind", "success", f"{STEPS:,} double steps ({sim})")
 
 if __name__ == "__main__":
