@@ -137,8 +137,9 @@ def said_of_learning():
         "all other variants arrive")
     yield (f"the mean success is {share(distance)} without the reward for distance and "
            f"{share(angle)} without the one for the angle")
-    yield "without sharpening the walks take {:.1f} s, with it {:.1f} s".format(*(
-        np.mean(values(short, "time_mean", variant=name)) for name in ("no sharpening", "reference")))
+    plain, sharp = (np.mean(values(short, "time_mean", variant=name))
+                    for name in ("no sharpening", "reference"))
+    yield f"without sharpening the walks take {plain:.1f} s, with it {sharp:.1f} s"
     peers = shipped("mujoco", "studies/peers.json")["sb3"]["rows"]
     ours, theirs = (values(peers, "time_mean", kind=kind)
                     for kind in ("ours, Gaussian", "SB3, the same robots"))

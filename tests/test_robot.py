@@ -747,7 +747,8 @@ def test_a_killed_process_is_an_error_of_one_line_and_no_endless_wait(make_sim):
     sim = make_sim("pymunk", 2, 2)
     sim.reset(np.arange(2))  # both have started and answered
     process, = sim.pools[0]._processes.values()
-    threading.Timer(0.1, process.kill).start()
+    # In 1 s it has read all. (If it dies while it reads, Pythons before 3.11.8 wait endlessly.)
+    threading.Timer(1.0, process.kill).start()
     for seconds in (500.0, 0.1):  # of which some, and none, will have passed
         with pytest.raises(BrokenProcessPool) as caught:
             sim.run(still("pymunk", 2, seconds), np.arange(2))

@@ -110,23 +110,24 @@ def study_ablations(args):
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
 def study_long(args):
-    """Walks of two long trainings and of the shipped one, with the seed of that one."""
-    shipped = common.RESULTS / args.sim / "policy.pt"
-    seed = ppo.load_policy(shipped)[1]["seed"]
-    planners, rows = {"reference": common.policy(shipped, args.sim)}, []
+    """Two long trainings and the shipped one, with the seed of that one."""
+    seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
+    folders, rows = {"reference": common.RESULTS / args.sim / "seeds" / str(seed)}, []
     for name in ("without the reflex", "with IMU"):
-        folder = common.work(args.sim, "ablations", f"{name}_long")
-        if not (folder / "policy.pt").is_file():
-            learn(args.sim, name, seed, ppo.STEPS, folder)
-        model, _ = ppo.load_policy(folder / "policy.pt")
-        planners[name] = evaluate.PolicyPlanner(model, name == "with IMU")
-    for name, far, push in product(planners, (False, True), (0.0, PUSH)):
+        folders[name] = common.work(args.sim, "ablations", f"{name}_long")
+        if not (folders[name] / "policy.pt").is_file():
+            learn(args.sim, name, seed, ppo.STEPS, folders[name])
+    for name, far, push in product(folders, (False, True), (0.0, PUSH)):
+        model, _ = ppo.load_policy(folders[name] / "policy.pt")
+        log = np.genfromtxt(folders[name] / "learning_curve.csv", delimiter=",", names=True)
         with common.world(args.sim) as world:
             world.push = push
             if "reflex" in VARIANTS[name]:
                 common.set_reflex(world, 0.0)
-            ended = common.walks(planners[name], world, True, far, sets=2)
-        rows.append({"variant": name, "push": push, "seed": seed,
+            planner = evaluate.PolicyPlanner(model, name == "with IMU")
+            ended = common.walks(planner, world, True, far, sets=2)
+        critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
+        rows.append({"variant": name, "push": push, "seed": seed, "critic": round(critic, 3),
                      **common.row_of(ended, "policy", True, far)})
     return {"steps": ppo.STEPS, "goals": 2 * common.PER_SET, "rows": rows}
 
@@ -149,7 +150,7 @@ def table(found, sim):
     columns = {"seed": 0, "success": 4, "fall": 4, "timeout": 4, "still_there": 3, "time_mean": 2}
     return common.sections(found, {
         "ablations": {"variant": 0} | columns,
-        "long": {"variant": 0, "goal_std_m": 1, "push": 1} | columns,
+        "long": {"variant": 0, "goal_std_m": 1, "push": 1} | columns | {"critic": 2},
         "decision": {"goal_std_m": 1, "rule": 0} | columns})
 
 def plot(found, sim):

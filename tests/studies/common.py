@@ -98,7 +98,7 @@ HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": 
          "seed": "training seed", "friction": "μ",
          "factor": "size of steps", "change": "largest change", "bare": "bare physics",
          "speed": "Δv [m/s]", "distance": "distance [m]", "least": "least possible [s]",
-         "seconds": "training [s]"}
+         "push": "push [m/s]", "critic": "explained variance", "seconds": "training [s]"}
 
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
