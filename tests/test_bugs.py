@@ -102,8 +102,7 @@ def shown(job):
     if "--mujoco" in flags:  # stage 2: commanded x, y, yaw, then walked
         return {walk: numbers(re.search(rf"{walk} .*", said)[0])[3:6]
                 for walk in ("forward", "left turn")}
-    with open(folder / "out" / "learning_curve.csv", encoding="utf-8") as file:
-        *_, last = csv.DictReader(file)
+    *_, last = csv.DictReader((folder / "out" / "learning_curve.csv").open(encoding="utf-8"))
     more = {"approx. KL": "approx_kl", "critic's loss": "value_loss"}
     return {title: [float(last[more.get(title, title.replace(" ", "_"))])] for title in (
         "return", "explained variance", "clip fraction", "entropy", *more)}

@@ -140,6 +140,21 @@ def said_of_learning():
     plain, sharp = (np.mean(values(short, "time_mean", variant=name))
                     for name in ("no sharpening", "reference"))
     yield f"without sharpening the walks take {plain:.1f} s, with it {sharp:.1f} s"
+    found = shipped("mujoco", "studies/ablations.json")
+    mode, mean = (common.pick(found["decision"]["rows"], rule=rule)
+                  for rule in ("mode (paper)", "mean (ours)"))
+    yield ("The mode takes {:.2f} s and falls {} times in {:,} walks, the mean {:.2f} s and {} "
+           "times").format(*(f([row[key] for row in rows]) for rows, key, f in (
+               (mode, "time_mean", np.mean), (mode, "falls", sum), (mode, "episodes", sum),
+               (mean, "time_mean", np.mean), (mean, "falls", sum))))
+    for name, words in (("reference", "the shipped policy"), ("with IMU", "the one with the IMU"),
+                        ("without the reflex", "the one without the reflex")):
+        calm, pushed = common.pick(found["long"]["rows"], variant=name, goal_std_m=1.0)
+        yield (f"{words} needs {calm['time_mean']:.1f} s to far goals and falls in "
+               f"{share(calm['fall'], 1)} of the walks, pushed in {share(pushed['fall'], 1)}; its "
+               f"critic explains {share(calm['critic'])} of the variance")
+    usual, blind, _ = values(found["long"]["rows"], "time_mean", goal_std_m=1.0, push=0.0)
+    yield f"needs {blind:.1f} s to far goals instead of {usual:.1f} s"
     peers = shipped("mujoco", "studies/peers.json")["sb3"]["rows"]
     ours, theirs = (values(peers, "time_mean", kind=kind)
                     for kind in ("ours, Gaussian", "SB3, the same robots"))

@@ -127,12 +127,6 @@ def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch):
     gain = walk_engine.TUNED["mujoco"].reflex
     assert met == [(gain * reflex, speed) for reflex, speed, _ in kinds], "what the row says"
 
-def test_every_reward_term_has_its_ablation():
-    nothing = np.zeros((1, 3)), np.zeros((1, 3)), np.zeros((1, 6)), np.zeros((1, 6)), 0, 0
-    for name in env.reward_terms(*nothing):
-        changed = ablations.VARIANTS[f"without {name}"]["task"]
-        assert changed == {name.replace("r_", "s_"): 0}, f"the weight of {name}, and no other one"
-
 def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     first, obs = np.array([0.2, 0.5, 0.8]), torch.zeros(100, 4)
     torch.manual_seed(0)
@@ -241,15 +235,6 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
     close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
     assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
-
-def test_one_round_of_tuning_walks(capsys, monkeypatch):
-    monkeypatch.setattr(walk, "LEVELS", 2)
-    monkeypatch.setattr(walk, "PLANS", 4)
-    monkeypatch.setattr(walk, "measure", partial(walk.measure, frictions=(0.7,)))
-    found = walk.tune("pymunk", 0, 1, population=1, elite=1)
-    assert found == walk_engine.TUNED["pymunk"] and isinstance(found.half_ticks, int)
-    shown = capsys.readouterr().out
-    assert "score of the mean" in shown and "clearance" in shown
 
 def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch):
     """Instead of walking, every candidate is scored by its distance to a known optimum."""

@@ -7,7 +7,6 @@ decision: the shipped trainings decide by the mode of their distribution, as the
 its mean, as ours do.
 """
 
-import json
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
@@ -22,7 +21,6 @@ from tqdm import tqdm
 torch = ppo.torch
 DURATION = "two cores: ablations 40 minutes, in 3-D 80; long, in 3-D, 60; decision, in 3-D, 15"
 STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
-PUSH = 0.4  # [m/s] of the part `long`
 
 class GaussianActor(ppo.ActorCritic):
     """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
@@ -66,11 +64,11 @@ class ModePlanner(evaluate.PolicyPlanner):
 
 def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
-    half = GOALS // 2
-    with closing(env.FootstepWorld(half, sim, cores=1)) as world:
+    with closing(env.FootstepWorld(GOALS // 2, sim, cores=1)) as world:
         if not reflex:
             common.set_reflex(world, 0.0)
-        parts = [common.walks(planner, world, True, far, 1, per_set=half) for far in (False, True)]
+        parts = [common.walks(planner, world, True, far, sets=1, per_set=GOALS // 2)
+                 for far in (False, True)]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
 
 def learn(sim, name, seed, steps, folder, cores=None):
@@ -94,12 +92,8 @@ def learn(sim, name, seed, steps, folder, cores=None):
 def ablate(sim, name, seed):
     """The row of one short training on one core."""
     folder = common.work(sim, "ablations", f"{name}_{seed}")
-    if not (folder / "row.json").is_file():
-        planner = learn(sim, name, seed, STEPS, folder, cores=1)
-        reflex = "reflex" not in VARIANTS[name]
-        row = {"variant": name, "seed": seed, **judged(planner, sim, reflex)}
-        evaluate.write_text(folder / "row.json", json.dumps(row))
-    return common.read_json(folder / "row.json")
+    planner = learn(sim, name, seed, STEPS, folder, cores=1)
+    return {"variant": name, "seed": seed, **judged(planner, sim, "reflex" not in VARIANTS[name])}
 
 def study_ablations(args):
     """As many trainings at a time as there are cores."""
@@ -117,11 +111,11 @@ def study_long(args):
         folders[name] = common.work(args.sim, "ablations", f"{name}_long")
         if not (folders[name] / "policy.pt").is_file():
             learn(args.sim, name, seed, ppo.STEPS, folders[name])
-    for name, far, push in product(folders, (False, True), (0.0, PUSH)):
+    for name, far, push in product(folders, (False, True), (0.0, 0.4)):
         model, _ = ppo.load_policy(folders[name] / "policy.pt")
         log = np.genfromtxt(folders[name] / "learning_curve.csv", delimiter=",", names=True)
         with common.world(args.sim) as world:
-            world.push = push
+            world.push = push  # [m/s]
             if "reflex" in VARIANTS[name]:
                 common.set_reflex(world, 0.0)
             planner = evaluate.PolicyPlanner(model, name == "with IMU")
