@@ -747,8 +747,7 @@ def test_a_killed_process_is_an_error_of_one_line_and_no_endless_wait(make_sim):
     sim = make_sim("pymunk", 2, 2)
     sim.reset(np.arange(2))  # both have started and answered
     process, = sim.pools[0]._processes.values()
-    # In 1 s it has read all. (If it dies while it reads, Pythons before 3.11.8 wait endlessly.)
-    threading.Timer(1.0, process.kill).start()
+    threading.Timer(1.0, process.kill).start()  # while it reads, Python < 3.11.8 would wait
     for seconds in (500.0, 0.1):  # of which some, and none, will have passed
         with pytest.raises(BrokenProcessPool) as caught:
             sim.run(still("pymunk", 2, seconds), np.arange(2))
