@@ -159,8 +159,8 @@ def numbers(line):
     ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco",
               "01_robot_model.py --mujoco --seed 1"], 0.011),
     ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96 walks, by chance and machine
-    ("circle", [f"{PREDICT} circle"], 0.0011),
-    ("sharpness", [f"{PREDICT} sharpness"], 0.0011)], ids=str)
+    ("circle", [f"{PREDICT} circle"], 0.0011), ("sharpness", [f"{PREDICT} sharpness"], 0.0011),
+    ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5)], ids=str)
 def test_predictions_show_what_their_commands_print(tmp_path, name, commands, tolerance):
     page = (EXERCISES / "predict.md").read_text(encoding="utf-8")
     section = page.split(f"\n## {name}:")[1].split("\n## ")[0].split("What we measured")[1]
