@@ -261,7 +261,7 @@ def leg_inverse(robot, position, foot_turn):
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
-    #     | −cos roll·sin s       sin roll       cos roll·cos s |
+    #     | −cos roll·sin s       sin roll       cos roll·cos s |  (@ would round otherwise)
     zero = np.zeros_like(ankle_roll)
     M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
@@ -744,7 +744,7 @@ class PymunkSim:
         # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
         change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
         masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
-        ahead, up = np.einsum("nb,ntbk->knt", masses, change)
+        ahead, up = np.einsum("nb,ntbk->knt", masses, change)  # summed over the bodies b
         # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
         grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
         bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))

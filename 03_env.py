@@ -416,7 +416,7 @@ class FootstepWorld:
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
-        # A fall wins.
+        # At the goal by place and by yaw; a fall wins.
         inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
         success = inside & self.inside[robots]  # twice in a row
         self.inside[robots] = inside
@@ -443,7 +443,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
     """
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    autoreset = True  # does a finished episode start anew?
+    autoreset = True  # does a finished episode start anew? (Not in `FootstepEnv`.)
 
     def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False,
                  **settings):

@@ -177,7 +177,7 @@ def least_time(goals, world):
     of the tolerance; the larger number counts. Straight ahead is not the fastest walk: a foot lands
     x ahead of the standing one, w to its side, and turned out by ω. With the toes ω/2 to either
     side of the way, not only x leads ahead, but w, too. (This is about plans. A slip may add to
-    them, and no robot can balance the walk with the toes out, so planners stay far above it.)
+    them. A robot that walks like this falls in its second double step, in both simulators.)
     """
     x, w, turn = world.limits.high + world.engine.beside[0]  # [m], [m], [rad] ω
     # In a double step:  way ≤ 2·(x·cos(ω/2) + w·sin(ω/2)),  turn ≤ ω outward + ω inward

@@ -19,7 +19,7 @@ from common import FEW, env, evaluate, ppo, robot_model
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "two cores: ablations 40 minutes, in 3-D 80; long, in 3-D, 60; decision, in 3-D, 15"
+DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40 and decision 10"
 STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
 
 class GaussianActor(ppo.ActorCritic):
