@@ -90,12 +90,13 @@ def said_of_the_studies():
     walks = sum(row["episodes"] for row in trainings)
     yield (f"They need {min(ratios):.2f} to {max(ratios):.2f} of the time of `expert`. All five "
            f"together fell {sum(row['falls'] for row in trainings)} times in {walks:,} walks")
-    times = {name: values(seeds["distances"]["rows"], "time_mean", planner=name)
-             for name in ("policy", "expert", "baseline_tuned")}
-    first = np.sum(np.argmin([*times.values()], 0) == 0)
-    yield (f"The policy is the fastest of the three at {first} of {len(times['policy'])} distances."
-           " At 6 m it needs {:.1f} s, `expert` {:.1f} s and `baseline_tuned` {:.1f} s".format(
-               *(own[-1] for own in times.values())))
+    times, falls = ([values(seeds["distances"]["rows"], key, planner=name) for name in
+                     ("policy", "expert", "baseline_tuned")] for key in ("time_mean", "fall"))
+    first = np.sum(np.argmin(times, 0) == 0)
+    yield (f"The policy is the fastest of the three at {first} of {len(times[0])} distances."
+           " At 6 m it needs {:.1f} s, `expert` {:.1f} s and `baseline_tuned` {:.1f} s; there they "
+           "fall in {}, {} and {} of the walks".format(
+               *(own[-1] for own in times), *(share(own[-1], 1) for own in falls)))
     pushed = {reflex: values(kicks["pushes"]["rows"], "fall", speed=0.4, planner="policy",
                              reflex=reflex)[0] for reflex in (True, False)}
     yield (f"pushed by 0.4 m/s every 3 s the policy falls in {share(pushed[True], 1)} of the far "
@@ -120,8 +121,7 @@ def said_of_the_studies():
     time, = values(tuned["carrot"]["finalists"], "time", chosen=True)
     yield (f"needs {time:.1f} s for near and far goals together, the paper's settings "
            f"{tuned['carrot']['paper']['time']:.1f} s")
-    time, = values(tuned["expert"]["finalists"], "time", chosen=True)
-    yield f"`expert` needs {time:.1f} s"
+    yield f"`expert` needs {values(tuned['expert']['finalists'], 'time', chosen=True)[0]:.1f} s"
     rows = shipped("mujoco", "evaluation.json")["rows"]
     near, far = values(rows, "time_mean", planner="search", noise=True)
     yield f"needs {near:.1f} s to near and {far:.1f} s to far goals"
@@ -141,12 +141,17 @@ def said_of_learning():
                     for name in ("no sharpening", "reference"))
     yield f"without sharpening the walks take {plain:.1f} s, with it {sharp:.1f} s"
     found = shipped("mujoco", "studies/ablations.json")
-    mode, mean = (common.pick(found["decision"]["rows"], rule=rule)
-                  for rule in ("mode (paper)", "mean (ours)"))
-    yield ("The mode takes {:.2f} s and falls {} times in {:,} walks, the mean {:.2f} s and {} "
-           "times").format(*(f([row[key] for row in rows]) for rows, key, f in (
-               (mode, "time_mean", np.mean), (mode, "falls", sum), (mode, "episodes", sum),
-               (mean, "time_mean", np.mean), (mean, "falls", sum))))
+    for name, words in (
+            ("reference", "The shipped recipe"), ("decides by the mode (paper)", "the mode"),
+            ("rollouts of 32", "the shorter rollouts"),
+            ("rollouts of 32, s_c 0.2", "those with twice the price")):
+        near, far, pushed = (
+            {key: np.mean(values(found["choices"]["rows"], key, variant=name, goal_std_m=std,
+                                 push=push)) for key in ("time_mean", "still_there", "fall")}
+            for std, push in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.4)))
+        yield (f"{words}: {near['time_mean']:.2f} and {far['time_mean']:.2f} s, still there "
+               f"{near['still_there']:.2f} and {far['still_there']:.2f}, falls "
+               f"{share([near['fall'], far['fall']], 2)}, pushed {share(pushed['fall'], 1)}")
     for name, words in (("reference", "the shipped policy"), ("with IMU", "the one with the IMU"),
                         ("without the reflex", "the one without the reflex")):
         calm, pushed = common.pick(found["long"]["rows"], variant=name, goal_std_m=1.0)

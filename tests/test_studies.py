@@ -64,7 +64,7 @@ def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
     if hasattr(study, "plot") and path.stem != "walk" and [*study.PARTS][0] in found:
         figure = study.plot(found, sim)
         assert all(axes.lines for axes in figure.axes)
-        common.plt.close(figure)
+        robot_model.plt.close(figure)
 
 def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)

@@ -1,10 +1,9 @@
 """What does each ingredient of the learning do? Short trainings, each without one of them.
 
-    python tests/studies/ablations.py [--mujoco] [--only ablations | long | decision] [--out FOLDER]
+    python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
 long: two trainings as long as the shipped one, beside it; their walks are pushed, too.
-decision: the shipped trainings decide by the mode of their distribution, as the paper does, and by
-its mean, as ours do.
+choices: what else could be shipped; chosen on these walks of the tuning stream, pushed ones, too.
 """
 
 import multiprocessing
@@ -14,12 +13,13 @@ from dataclasses import replace
 from itertools import product
 
 import common
+import matplotlib.pyplot as plt
 import numpy as np
 from common import FEW, env, evaluate, ppo, robot_model
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40 and decision 10"
+DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40, choices 110"
 STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
 
 class GaussianActor(ppo.ActorCritic):
@@ -55,6 +55,13 @@ VARIANTS = {  # name: what differs from the reference
        for k in ("d", "a", "o", "c", "fall", "goal", "time")},
 }
 
+CHOICES = {  # name: what differs from the shipped trainings, and the training seeds
+    "reference": {"seeds": FEW},
+    "decides by the mode (paper)": {"seeds": FEW},
+    "rollouts of 32": {"seeds": FEW, "config": {"rollout": 32}},
+    "rollouts of 32, s_c 0.2": {"seeds": (0,), "config": {"rollout": 32}, "task": {"s_c": 0.2}},
+}
+
 class ModePlanner(evaluate.PolicyPlanner):
     """Decides by the mode of the distribution; the sharpness k does not change it."""
     def act(self, view, robots, measured):
@@ -73,7 +80,7 @@ def judged(planner, sim, reflex=True):
 
 def learn(sim, name, seed, steps, folder, cores=None):
     """Train this variant; returns its planner."""
-    variant = VARIANTS[name]
+    variant = (VARIANTS | CHOICES)[name]
     task = replace(env.Task(), **variant.get("task", {}))
     imu = variant.get("imu", False)
 
@@ -103,54 +110,60 @@ def study_ablations(args):
         rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
+def long_row(sim, name, seed, far, push, **which):
+    """The row of a training as long as the shipped ones, made if it is not there; which walks."""
+    folder, by_mode = common.RESULTS / sim / "seeds" / str(seed), name.startswith("decides")
+    if name != "reference" and not by_mode:
+        folder = common.work(sim, "ablations", f"{name}_{seed}_long")
+        if not (folder / "policy.pt").is_file():
+            learn(sim, name, seed, ppo.STEPS, folder)
+    model, _ = ppo.load_policy(folder / "policy.pt")
+    log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
+    with common.world(sim) as world:
+        world.push = push  # [m/s]
+        if name == "without the reflex":
+            common.set_reflex(world, 0.0)
+        kind = ModePlanner if by_mode else evaluate.PolicyPlanner
+        ended = common.walks(kind(model, name == "with IMU"), world, True, far, **which)
+    critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
+    return {"variant": name, "push": push, "seed": seed, "critic": round(critic, 3),
+            **common.row_of(ended, "policy", True, far)}
+
 def study_long(args):
     """Two long trainings and the shipped one, with the seed of that one."""
     seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
-    folders, rows = {"reference": common.RESULTS / args.sim / "seeds" / str(seed)}, []
-    for name in ("without the reflex", "with IMU"):
-        folders[name] = common.work(args.sim, "ablations", f"{name}_long")
-        if not (folders[name] / "policy.pt").is_file():
-            learn(args.sim, name, seed, ppo.STEPS, folders[name])
-    for name, far, push in product(folders, (False, True), (0.0, 0.4)):
-        model, _ = ppo.load_policy(folders[name] / "policy.pt")
-        log = np.genfromtxt(folders[name] / "learning_curve.csv", delimiter=",", names=True)
-        with common.world(args.sim) as world:
-            world.push = push  # [m/s]
-            if "reflex" in VARIANTS[name]:
-                common.set_reflex(world, 0.0)
-            planner = evaluate.PolicyPlanner(model, name == "with IMU")
-            ended = common.walks(planner, world, True, far, sets=2)
-        critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-        rows.append({"variant": name, "push": push, "seed": seed, "critic": round(critic, 3),
-                     **common.row_of(ended, "policy", True, far)})
+    jobs = product(("reference", "without the reflex", "with IMU"), (False, True), (0.0, 0.4))
+    rows = [long_row(args.sim, name, seed, far, push, sets=2) for name, far, push in jobs]
     return {"steps": ppo.STEPS, "goals": 2 * common.PER_SET, "rows": rows}
 
-def study_decision(args):
-    """Three trainings by both rules."""
-    rows, rules = [], {"mode (paper)": ModePlanner, "mean (ours)": evaluate.PolicyPlanner}
-    with common.world(args.sim) as world:
-        for far, rule, seed in product((False, True), rules, FEW):
-            path = common.RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
-            planner = rules[rule](common.policy(path, args.sim).model)
-            ended = common.walks(planner, world, True, far)
-            rows.append({"rule": rule, "seed": seed,
-                         **common.row_of(ended, "policy", True, far)})
-    return {"goals": 4 * common.PER_SET, "rows": rows}
+def study_choices(args):
+    """Each choice, pushed on the way to far goals, too."""
+    rows = [long_row(args.sim, name, seed, far, push, sets=3, first=50, purpose="tuning")
+            for name, choice in CHOICES.items() for seed in choice["seeds"]
+            for far, push in ((False, 0.0), (True, 0.0), (True, 0.4))]
+    return {"steps": ppo.STEPS, "goals": 3 * common.PER_SET, "rows": rows}
 
-PARTS = {"ablations": study_ablations, "long": study_long, "decision": study_decision}
+PARTS = {"ablations": study_ablations, "long": study_long, "choices": study_choices}
 
 def table(found, sim):
     """Every training by every variant or rule."""
     columns = {"seed": 0, "success": 4, "fall": 4, "timeout": 4, "still_there": 3, "time_mean": 2}
+    long = {"variant": 0, "goal_std_m": 1, "push": 1} | columns | {"critic": 2}
     return common.sections(found, {
-        "ablations": {"variant": 0} | columns,
-        "long": {"variant": 0, "goal_std_m": 1, "push": 1} | columns | {"critic": 2},
-        "decision": {"goal_std_m": 1, "rule": 0} | columns})
+        "ablations": {"variant": 0} | columns, "long": long, "choices": long})
 
 def plot(found, sim):
-    """Every training of the variants."""
+    """A bar (mean) for every variant, a dot for every training."""
     rows = found["ablations"]["rows"]
-    return common.dots(rows, "variant", "success", f"{STEPS:,} double steps of training ({sim})")
+    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(VARIANTS)), sharey=True)
+    for axis, key in zip(axes, ("success", "time_mean")):
+        for place, name in enumerate(VARIANTS):
+            known = [row[key] for row in common.pick(rows, variant=name) if row[key] is not None]
+            axis.barh(place, np.mean(known or [0]), color="tab:blue", alpha=0.5)
+            axis.plot(known, [place] * len(known), "ko")
+        axis.set(xlabel=common.HEADS[key], yticks=range(len(VARIANTS)), yticklabels=VARIANTS)
+    figure.suptitle(f"{STEPS:,} double steps of training ({sim})")
+    return figure
 
 if __name__ == "__main__":
     common.run("ablations")

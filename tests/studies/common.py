@@ -15,7 +15,6 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
 from tqdm import tqdm
 
@@ -131,20 +130,6 @@ def cell(row, key, digits):
         low, high = row[f"{key}_ci95"]
         text += f" [{low:.{digits}f}, {high:.{digits}f}]"
     return text
-
-def dots(rows, by, share, title):
-    """A figure: a bar (mean) for every value of the key `by`, a dot for every training."""
-    names = list(dict.fromkeys(row[by] for row in rows))
-    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(names)),
-                                sharey=True)
-    for axis, key in zip(axes, (share, "time_mean")):
-        for place, name in enumerate(names):
-            known = [row[key] for row in pick(rows, **{by: name}) if row[key] is not None]
-            axis.barh(place, np.mean(known or [0]), color="tab:blue", alpha=0.5)
-            axis.plot(known, [place] * len(known), "ko")
-        axis.set(xlabel=HEADS[key], yticks=range(len(names)), yticklabels=names)
-    figure.suptitle(title)
-    return figure
 
 def pick(rows, **wanted):
     """The rows with these values."""

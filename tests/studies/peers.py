@@ -107,9 +107,5 @@ def table(found, sim):
     columns = {"kind": 0, "seed": 0, "success": 3, "fall": 3, "time_mean": 2, "seconds": 0}
     return common.sections(found, {"sb3": columns})
 
-def plot(found, sim):
-    """Success and time of every training."""
-    return common.dots(found["sb3"]["rows"], "kind", "success", f"{STEPS:,} double steps ({sim})")
-
 if __name__ == "__main__":
     common.run("peers")
