@@ -55,19 +55,19 @@ VARIANTS = {  # name: what differs from the reference
        for k in ("d", "a", "o", "c", "fall", "goal", "time")},
 }
 
-CHOICES = {  # name: what differs from the shipped trainings, and the training seeds
-    "reference": {"seeds": FEW},
-    "decides by the mode (paper)": {"seeds": FEW},
-    "rollouts of 32": {"seeds": FEW, "config": {"rollout": 32}},
-    "rollouts of 32, s_c 0.2": {"seeds": (0,), "config": {"rollout": 32}, "task": {"s_c": 0.2}},
-}
-
 class ModePlanner(evaluate.PolicyPlanner):
     """Decides by the mode of the distribution; the sharpness k does not change it."""
     def act(self, view, robots, measured):
         seen = torch.as_tensor(view.observation[:, : self.columns])
         with torch.no_grad():
             return self.model.policy(seen).mode.numpy()
+
+CHOICES = {  # name: what differs from the shipped trainings, and the training seeds
+    "reference": {"seeds": FEW},
+    "decides by the mode (paper)": {"seeds": FEW, "planner": ModePlanner},
+    "rollouts of 32": {"seeds": FEW, "config": {"rollout": 32}},
+    "rollouts of 32, s_c 0.2": {"seeds": (0,), "config": {"rollout": 32}, "task": {"s_c": 0.2}},
+}
 
 def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
@@ -111,20 +111,21 @@ def study_ablations(args):
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
 def long_row(sim, name, seed, far, push, **which):
-    """The row of a training as long as the shipped ones, made if it is not there; which walks."""
-    folder, by_mode = common.RESULTS / sim / "seeds" / str(seed), name.startswith("decides")
-    if name != "reference" and not by_mode:
+    """The row of a training as long as the shipped ones, made if it is not there; which: walks."""
+    variant = (VARIANTS | CHOICES)[name]
+    folder = common.RESULTS / sim / "seeds" / str(seed)
+    if variant.keys() - {"seeds", "planner"}:  # something differs in the training
         folder = common.work(sim, "ablations", f"{name}_{seed}_long")
         if not (folder / "policy.pt").is_file():
             learn(sim, name, seed, ppo.STEPS, folder)
     model, _ = ppo.load_policy(folder / "policy.pt")
     log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
+    planner = variant.get("planner", evaluate.PolicyPlanner)(model, variant.get("imu", False))
     with common.world(sim) as world:
         world.push = push  # [m/s]
-        if name == "without the reflex":
+        if "reflex" in variant:
             common.set_reflex(world, 0.0)
-        kind = ModePlanner if by_mode else evaluate.PolicyPlanner
-        ended = common.walks(kind(model, name == "with IMU"), world, True, far, **which)
+        ended = common.walks(planner, world, True, far, **which)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
     return {"variant": name, "push": push, "seed": seed, "critic": round(critic, 3),
             **common.row_of(ended, "policy", True, far)}
