@@ -88,16 +88,20 @@ READ_EVERY = 2  # [ticks] how often the reflex reads the gyro
 REFLEX_LIMIT = 0.25  # [rad] of what it adds to a joint target; our choice
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
+
 @dataclass(frozen=True)
 class Link:
     """A rigid body. `com` is seen from the joint above (torso: its frame); y outward for a leg."""
+
     mass: float  # [kg]
     com: tuple  # [m] centre of mass (x, y, z)
     inertia: tuple  # [kg m²] about the centre of mass (x, y, z)
 
+
 @dataclass(frozen=True)
 class RobotModel:
     """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
+
     # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
     torso: Link = Link(3.490, (0.0, 0.0, 0.120), (0.045, 0.035, 0.025))  # with arms and head
     hip: Link = Link(0.389, (0.0, 0.0, 0.0), (0.0004, 0.0004, 0.0004))  # yaw and roll motors
@@ -143,37 +147,45 @@ class RobotModel:
         """Back-EMF of the motors of a leg, shape [6] [N m s/rad]: torque limit / speed limit."""
         return np.divide(self.torque_limit, self.speed_limit)
 
+
 @dataclass
 class Body:
     """How n robots differ from the model; hidden from every planner (drawn in stage 3)."""
+
     friction: np.ndarray  # [n] μ of the ground
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
     stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
 
+
 @dataclass
 class Trajectory:
     """The commands for N robots in T control ticks. Sample k is the target at the end of tick k;
     sample 0 repeats the last sample of the double step before."""
+
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
     support: np.ndarray  # [N, T, 2] [s] gain of the reflex: left, right ankle; 0 where it swings
     gyro: np.ndarray  # [N, T, 2] [rad/s] error of the gyro about x and y, see `reflex`
     push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane only ahead
 
+
 @dataclass
 class Motion:
     """What physics did with N robots: at the end of each of T control ticks, or at the very end."""
+
     torso: np.ndarray  # [N, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [N, T, 12] measured [rad]; joints that the plane lacks: as commanded
     spin: np.ndarray  # [N, 3] angular velocity of the torso about its own axes [rad/s], at the end
     fell: np.ndarray  # [N] bool: fell at any control tick
 
+
 # ------------------------------------------------------------------------ poses on the ground
 def wrap(angle):
     """The same angle in [−π, π) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
+
 
 def turned(vector, yaw):
     """Vectors [..., 2] turned by yaw [...] [rad]."""
@@ -181,11 +193,13 @@ def turned(vector, yaw):
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([cos * x - sin * y, sin * x + cos * y], -1)
 
+
 def compose(base, pose):
     """The pose [..., 3] (x, y, yaw) given in the frame `base` [..., 3], seen from outside."""
     place = base[..., :2] + turned(pose[..., :2], base[..., 2])
     yaw = base[..., 2:] + pose[..., 2:]  # [..., 1]
     return np.concatenate([place, yaw], -1)
+
 
 def relative(base, pose):
     """The pose [..., 3] seen from the frame `base` [..., 3]; inverse of `compose`."""
@@ -193,15 +207,19 @@ def relative(base, pose):
     place = turned(away[..., :2], -base[..., 2])
     return np.concatenate([place, away[..., 2:]], -1)
 
+
 # ------------------------------------------------------------------------ leg kinematics
 def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] in, matrices [..., 3, 3] out."""
     cr, cp, cy = np.cos([roll, pitch, yaw])
     sr, sp, sy = np.sin([roll, pitch, yaw])
-    rows = [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
-            sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
-            -sp, cp * sr, cp * cr]
+    rows = [
+        cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
+        sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
+        -sp, cp * sr, cp * cr,
+    ]  # fmt: skip
     return np.stack(rows, -1).reshape(*cr.shape, 3, 3)
+
 
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
@@ -221,6 +239,7 @@ def leg_points(robot, joints):
     heel = ankle + foot_turn @ np.array([-robot.foot_back, 0, -robot.ankle_height])
     toe = ankle + foot_turn @ np.array([robot.foot_front, 0, -robot.ankle_height])
     return np.stack([0 * ankle, knee_point, ankle, heel, toe], -2), foot_turn
+
 
 def leg_inverse(robot, position, foot_turn):
     r"""Joint angles [..., 6] [rad] of one leg, analytically.
@@ -270,6 +289,7 @@ def leg_inverse(robot, position, foot_turn):
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
+
 def body_inverse(robot, trunk, feet, planar=False):
     """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
 
@@ -292,6 +312,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
+
 def body_points(robot, torso, joints):
     """Legs in the world, [..., 2, 5, 3] (hip … toe), and the feet's rotations [..., 2, 3, 3].
 
@@ -304,16 +325,19 @@ def body_points(robot, torso, joints):
     world = points @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
     return world, base @ foot_turn
 
+
 def stance(robot, height=0.395, foot_distance=0.18, pitch=0.1, planar=False, x_offset=0.0):
     """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12]."""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
 
+
 def fallen(torso, standing_height):
     """Fall [5]: the torso [..., 6] is below half its standing height or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
+
 
 # ------------------------------------------------------------------------ the reflex
 def reflex(robot, trajectory, tick, end, spin):
@@ -333,13 +357,14 @@ def reflex(robot, trajectory, tick, end, spin):
     added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
     return added.reshape(*turn.shape[:2], 12)
 
+
 # ------------------------------------------------------------------------ MuJoCo, 3-D
 def inertial(link, side=1):
     """A link's mass in MuJoCo's model language; side −1 mirrors its place."""
     x, y, z = link.com
     xx, yy, zz = link.inertia
-    return (f'<inertial mass="{link.mass}" pos="{x} {side * y} {z}" '
-            f'diaginertia="{xx} {yy} {zz}"/>')
+    return f'<inertial mass="{link.mass}" pos="{x} {side * y} {z}" diaginertia="{xx} {yy} {zz}"/>'
+
 
 def leg_xml(robot, leg, side):
     """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
@@ -350,8 +375,10 @@ def leg_xml(robot, leg, side):
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
     def joint(k):
-        return (f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
-                f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>')
+        return (
+            f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
+            f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>'
+        )
 
     return f"""
       <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
@@ -371,6 +398,7 @@ def leg_xml(robot, leg, side):
           </body>
         </body>
       </body>"""
+
 
 def mujoco_model(robot):
     """The robot as a MuJoCo model. Each motor is a position servo (it drives its joint to a target
@@ -394,8 +422,10 @@ def mujoco_model(robot):
     motors = ""
     for leg in ("left", "right"):
         for name, limit in zip(JOINTS, robot.torque_limit):
-            motors += (f'<position name="{leg} {name}" joint="{leg} {name}" '
-                       f'forcerange="{-limit} {limit}"/>')
+            motors += (
+                f'<position name="{leg} {name}" joint="{leg} {name}" '
+                f'forcerange="{-limit} {limit}"/>'
+            )
     return mujoco.MjModel.from_xml_string(f"""
     <mujoco>
       <compiler angle="radian"/>
@@ -425,6 +455,7 @@ def mujoco_model(robot):
       </contact>
     </mujoco>""")
 
+
 def euler(quaternion):
     """Roll, pitch, yaw [..., 3] of unit quaternions [..., 4] (w, x, y, z).
 
@@ -437,8 +468,10 @@ def euler(quaternion):
     yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return np.stack([roll, pitch, yaw], -1)
 
+
 class MujocoSim:
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores."""
+
     # Columns of MuJoCo's state [38]; from 20 on velocities: place, turning (own axes), joints.
     TIME = 0
     PLACE = slice(1, 4)
@@ -513,7 +546,8 @@ class MujocoSim:
             inputs[..., 18:20] = trajectory.push[:, t:end]
             inputs = np.repeat(inputs, robot.substeps, axis=1)
             states, _ = self.pool.rollout(
-                models, self.data, state, inputs, control_spec=self.inputs)
+                models, self.data, state, inputs, control_spec=self.inputs
+            )
             parts.append(states)
             state = states[:, -1]
         states = np.concatenate(parts, 1)  # [n, T·substeps, 38]
@@ -531,6 +565,7 @@ class MujocoSim:
         """Ends its threads."""
         self.pool.close()
 
+
 # ------------------------------------------------------------------------ pymunk, planar
 def planar_links(robot):
     """The seven bodies: torso with both hips' motors; left thigh, shin, foot; the right ones."""
@@ -541,6 +576,7 @@ def planar_links(robot):
     pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
     torso = Link(mass, (0, 0, centre), (0, pitch, 0))
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
+
 
 class PymunkSim:
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
@@ -563,6 +599,7 @@ class PymunkSim:
     falls linearly to zero there), and a rotor adds to the inertia of the link below its joint as
     if it turned with that link (in MuJoCo only to the inertia about the joint).
     """
+
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
     ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
@@ -591,7 +628,8 @@ class PymunkSim:
             np.ones((num_robots, 9)),  # mass
             np.ones((num_robots, 12)),  # stiffness
             np.zeros((num_robots, 12)),  # stiction
-            np.zeros(num_robots, int))  # delay
+            np.zeros(num_robots, int),  # delay
+        )
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, body=None):
@@ -652,8 +690,13 @@ class PymunkSim:
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
                 motor.max_force = max(0, robot.torque_limit[index] - self.body.stiction[i, joint])
-                space.add(motor, pymunk.PivotJoint(parent, body, point), pymunk.RotaryLimitJoint(
-                    parent, body, -robot.joint_max[index], -robot.joint_min[index]))
+                space.add(
+                    motor,
+                    pymunk.PivotJoint(parent, body, point),
+                    pymunk.RotaryLimitJoint(
+                        parent, body, -robot.joint_max[index], -robot.joint_min[index]
+                    ),
+                )
                 motors.append(motor)
         return space, motors
 
@@ -765,6 +808,7 @@ class PymunkSim:
     def close(self):
         """It has no threads or processes to stop."""
 
+
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     """N robots in "pymunk" or "mujoco", standing as `stance` says, also after every reset."""
     cores = min(cores or CORES, num_robots)
@@ -774,11 +818,13 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
         return PymunkSim(num_robots, standing, robot)
     return Workers(num_robots, standing, robot, cores)
 
+
 # ------------------------------------------------------------------------ demonstration
 # Trunk and head: heights of both ends of a line in the torso's frame [m]; the head is only drawn.
 # Then colour and radius [m] of all lines: these two; thigh, shin, foot of the left, the right leg.
 UPPER_ENDS = np.array([[0.05, 0.24], [0.36, 0.36]])
 LINES = (("0.8", 0.085), ("0.88", 0.055), *itertools.product(COLORS, (0.036, 0.029, 0.016)))
+
 
 def camera(azimuth=-60, elevation=20):
     """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
@@ -786,11 +832,13 @@ def camera(azimuth=-60, elevation=20):
     """
     return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
 
+
 def capsule(start, end, radius):
     """Outline [24, 2] of a thick line from start [2] to end [2], with round ends."""
     across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
     half = radius * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
     return np.concatenate([start + half, end - half])
+
 
 def draw_robots(axes, robot, torso, joints, view):
     """One robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as measured;
@@ -812,6 +860,7 @@ def draw_robots(axes, robot, torso, joints, view):
         light = capsule(start, end, radius / 2) + radius * np.array([-0.2, 0.2])
         axes.fill(*light.T, color=0.6 * color + 0.4)
 
+
 def draw_ground(axes, view, size=2):
     """Squares of 0.25 m on the ground, `size` [m] to every side of the origin."""
     for u in np.arange(-size, size + 0.01, 0.25):
@@ -819,6 +868,7 @@ def draw_ground(axes, view, size=2):
             axes.plot(*(view[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
+
 
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
@@ -831,6 +881,7 @@ def centre_of_mass(robot, torso, joints):
     x, _, z = robot.foot.com
     legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
     return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
+
 
 def main():
     parser = StageParser(__doc__)
@@ -876,11 +927,14 @@ def main():
         axes.plot(right, up, "k.-", label="centre of mass")
         axes.axvline(edge, color="black", ls=":", label="edge of the sole")
         axes.legend(loc="lower right")
-        axes.set_title(f"The last 0.6 s of a fall: {name} {size}\n"
-                       "(left leg blue, right leg orange; squares of 0.25 m)")
+        axes.set_title(
+            f"The last 0.6 s of a fall: {name} {size}\n"
+            "(left leg blue, right leg orange; squares of 0.25 m)"
+        )
     sim.close()
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
+
 
 # ------------------------------------------------------------------------ several processes
 # From here on: processes, the command line and files. A first reading may skip this.
@@ -890,14 +944,17 @@ def begin(*settings):
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
     planar_sim = PymunkSim(*settings)
 
+
 def call(method, part, robots):
     """In a process of `Workers`: run(trajectory, robots) or reset(robots, body)."""
     if method == "run":
         return planar_sim.run(part, robots)
     planar_sim.reset(robots, part)
 
+
 class Workers:
     """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
+
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pools = []
@@ -943,6 +1000,7 @@ class Workers:
         for pool in self.pools:
             pool.shutdown()
 
+
 # ------------------------------------------------------------------------ command line and files
 def whole(text):
     """A whole number of the command line."""
@@ -951,12 +1009,20 @@ def whole(text):
         raise ArgumentTypeError(f"{text} is not a whole number from 0 to {2**32 - 1}")
     return int(number)
 
+
 class StageParser(ArgumentParser):
     """The flags of every stage; a wrong value gets one clear line and exit code 2."""
+
     def __init__(self, doc):
         super().__init__(description=doc, formatter_class=RawDescriptionHelpFormatter)
-        self.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
-                          default="pymunk", help="3-D instead of the sagittal plane")
+        self.add_argument(
+            "--mujoco",
+            dest="sim",
+            action="store_const",
+            const="mujoco",
+            default="pymunk",
+            help="3-D instead of the sagittal plane",
+        )
         self.add_argument("--seed", type=whole, default=0, help="same seed, same numbers")
         self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
 
@@ -984,6 +1050,7 @@ class StageParser(ArgumentParser):
         except OSError as error:
             self.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
 
+
 def atomic_write(path, write):
     """write(temporary file), then rename: the old file or the new one, never half of one."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
@@ -993,10 +1060,12 @@ def atomic_write(path, write):
     finally:
         temporary.unlink(missing_ok=True)
 
+
 def save_figure(figure, path):
     """Writes the figure, and frees its memory."""
     atomic_write(path, lambda file: figure.savefig(file, dpi=110))
     plt.close(figure)
+
 
 def run(main):
     """Calls a stage's main(); Ctrl-C or a lost process is one line, no traceback."""
@@ -1005,6 +1074,7 @@ def run(main):
     except (KeyboardInterrupt, BrokenProcessPool) as error:
         print(f"\n{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
         sys.exit(2)
+
 
 if __name__ == "__main__":
     run(main)

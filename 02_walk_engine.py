@@ -58,9 +58,11 @@ import numpy as np
 robot_model = import_module("01_robot_model")
 LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
 
+
 @dataclass(frozen=True)
 class WalkParameters:
     """Named after those of [5]. The values here are a first guess; those in use: TUNED."""
+
     half_ticks: int = 31  # [control ticks] of a single step
     double_support: float = 0.1  # [-] share of a single step with both feet on the ground
     foot_distance: float = 0.18  # [m] between the ankles when standing
@@ -75,19 +77,37 @@ class WalkParameters:
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `reflex` of stage 1; ours
 
+
 # Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
 # it (2026-11-23).
 TUNED = {
     "pymunk": WalkParameters(
-        double_support=0.0998, foot_rise=0.0226, trunk_height=0.3718, trunk_phase=0.0353,
-        trunk_pitch=0.0773, trunk_swing=0.0, trunk_x_offset=0.0024, pitch_per_step=-0.0122,
-        pitch_per_turn=0.1092),
+        double_support=0.0998,
+        foot_rise=0.0226,
+        trunk_height=0.3718,
+        trunk_phase=0.0353,
+        trunk_pitch=0.0773,
+        trunk_swing=0.0,
+        trunk_x_offset=0.0024,
+        pitch_per_step=-0.0122,
+        pitch_per_turn=0.1092,
+    ),
     "mujoco": WalkParameters(
-        double_support=0.0777, foot_distance=0.1634, foot_rise=0.0307, trunk_height=0.3767,
-        trunk_phase=-0.0475, trunk_pitch=0.0706, trunk_swing=0.2214, trunk_x_offset=0.0124,
-        pitch_per_step=-0.2815, pitch_per_turn=0.05, trunk_roll=0.0533),
+        double_support=0.0777,
+        foot_distance=0.1634,
+        foot_rise=0.0307,
+        trunk_height=0.3767,
+        trunk_phase=-0.0475,
+        trunk_pitch=0.0706,
+        trunk_swing=0.2214,
+        trunk_x_offset=0.0124,
+        pitch_per_step=-0.2815,
+        pitch_per_turn=0.05,
+        trunk_roll=0.0533,
+    ),
 }
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
+
 
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
@@ -108,10 +128,12 @@ def quintic(start, end, duration):
     c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
     return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
 
+
 def polynomial(c, t, order=0):
     """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]."""
     derived = np.polynomial.polynomial.polyder(np.moveaxis(c, -1, 0), order)
     return np.polynomial.polynomial.polyval(t, derived)
+
 
 # ------------------------------------------------------------------------ the engine
 class WalkEngine:
@@ -120,14 +142,16 @@ class WalkEngine:
     All poses live in one fixed frame: the middle between the feet, where they stood after a reset.
     (The simulators' origin is the torso's place then, trunk_x_offset farther ahead.)
     """
+
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
         p = self.parameters = parameters
         self.robot = robot
         self.planar = planar
         self.half = p.half_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.half  # [s] a double step
-        self.stance = robot_model.stance(robot, p.trunk_height, p.foot_distance, p.trunk_pitch,
-                                         planar, p.trunk_x_offset)  # torso, joints
+        self.stance = robot_model.stance(
+            robot, p.trunk_height, p.foot_distance, p.trunk_pitch, planar, p.trunk_x_offset
+        )  # torso, joints
         # Where each foot usually is, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
@@ -251,6 +275,7 @@ class WalkEngine:
         foot[..., 2] = polynomial(up, np.minimum(t, swing - t))
         return foot
 
+
 def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     """Walk N robots, which differ from the model by `body`, through K double steps [N, K, 2, 3],
     from standing.
@@ -284,6 +309,7 @@ def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     poses[..., 2] = np.unwrap(poses[..., 2])
     return poses, wanted, fall
 
+
 # ------------------------------------------------------------------------ demonstration
 WALKS = {  # eight double steps each
     "forward": [[0.08, 0, 0], [0.08, 0, 0]],
@@ -291,6 +317,7 @@ WALKS = {  # eight double steps each
     "sideways": [[0, 0.06, 0], [0, 0, 0]],
     "a left turn": [[0.06, 0, 0.15], [0.06, 0, -0.15]],
 }
+
 
 def pushed(sim, parameters, speed):
     """Two robots walk forward, the second one without the reflex. In the second double step both
@@ -306,8 +333,11 @@ def pushed(sim, parameters, speed):
             trajectory.push[:, 10:15, 0] = engine.robot.torso.mass * speed / 0.05
         motions.append(simulator.run(trajectory, [0, 1]))
     simulator.close()
-    return [np.concatenate([getattr(motion, name) for motion in motions], 1)
-            for name in ("torso", "joints")]
+    return [
+        np.concatenate([getattr(motion, name) for motion in motions], 1)
+        for name in ("torso", "joints")
+    ]
+
 
 def plot_push(robot, torso, joints, path, title):
     """Tilt over time, both robots every 0.5 s from 0.4 s on; torso [2, T, 6], joints [2, T, 12]."""
@@ -326,6 +356,7 @@ def plot_push(robot, torso, joints, path, title):
         panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
     robot_model.save_figure(figure, path)
 
+
 def plot_plan(engine, trajectory, feet, torso, path):
     """A robot's double step over time: planned trunk and feet; measured torso [1, T, 6]."""
     time = np.arange(feet.shape[1]) * engine.robot.control_dt
@@ -343,18 +374,21 @@ def plot_plan(engine, trajectory, feet, torso, path):
     figure.suptitle("A double step amid a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 
+
 def plot_walks(poses, wanted, path, title):
     """The way of every walk from above: poses and wanted poses [4, K + 1, 3]."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for k, (name, walked) in enumerate(zip(WALKS, poses)):
         x, y, yaw = walked.T  # an arrow points where the robot faces
-        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", label=name, width=0.004,
-                    pivot="mid")
+        axis.quiver(
+            x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", label=name, width=0.004, pivot="mid"
+        )
     axis.plot(*wanted[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
     axis.margins(0.06, 0.12)
     axis.legend()
     robot_model.save_figure(figure, path)
+
 
 def main():
     parser = robot_model.StageParser(__doc__)
@@ -376,12 +410,15 @@ def main():
     poses, wanted, fall = walk(sim, parameters, plans)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, a, b, when in zip(WALKS, wanted[:, -1], poses[:, -1], fall):
-        print(f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
-              f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}")
+        print(
+            f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
+            f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
+        )
     plot_walks(poses, wanted, out / "02_walk.png", f"Eight double steps ({sim}), seen from above")
     torso, joints = pushed(sim, parameters, 0.6)
     plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
+
 
 if __name__ == "__main__":
     robot_model.run(main)

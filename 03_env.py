@@ -37,9 +37,11 @@ robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
 wrap = robot_model.wrap
 
+
 @dataclass(frozen=True)
 class Task:
     """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
+
     goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, from the paper's baseline times
     far_std_m: float = 1.0  # [m] the same σ for half of the goals in training, and `05 --far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
@@ -64,10 +66,12 @@ class Task:
     #                       a reward t double steps ahead counts γᵗ times. So walking without end
     #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 2 with γ = 0.98.
 
+
 @dataclass(frozen=True)
 class Spread:
     """How far ground and robot may be from the model in an episode. All zeros: the model itself.
     Every value is drawn uniformly and independently; sizes: our choice."""
+
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
@@ -83,13 +87,17 @@ class Spread:
             mass=1 + self.mass * drawn[:, 1:10],
             stiffness=1 + self.stiffness * drawn[:, 10:22],
             stiction=self.stiction * (1 + drawn[:, 22:34]) / 2,
-            delay=self.delay * (drawn[:, 34] > 0))
+            delay=self.delay * (drawn[:, 34] > 0),
+        )
+
 
 @dataclass(frozen=True)
 class StepLimits:
     """The smallest and the largest footstep that an action can command."""
+
     low: tuple  # x [m], y [m], yaw [rad], outward positive
     high: tuple
+
 
 # Our choice, from the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
 # cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
@@ -112,21 +120,27 @@ GOAL_TABLE = (
 # What a double step does also depends on how the body moves when it begins. Without a sensor for
 # that, the last two actions stand in for it.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple((f"{name}, {ago}", "−1, 1: low, high limit", -1.0, 1.0)
-                       for ago in ("last action", "action before") for name in ACTION_NAMES)
+PREVIOUS_TABLE = tuple(
+    (f"{name}, {ago}", "−1, 1: low, high limit", -1.0, 1.0)
+    for ago in ("last action", "action before")
+    for name in ACTION_NAMES
+)
 IMU_TABLE = (
     ("torso roll", "0.25 rad", -4.0, 4.0),
     ("torso pitch", "0.25 rad", -4.0, 4.0),
     *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
 )
 
+
 def observation_table(imu=False):
     """Rows (name, unit, low, high) of the observation, in order."""
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
+
 def bounds(imu):
     """The lowest and the highest observation, [2, 20 or 25]."""
     return np.array([row[2:] for row in observation_table(imu)], np.float32).T
+
 
 def checked(name, value, *shape):
     """The value as an array [shape] of finite numbers, or a ValueError."""
@@ -135,13 +149,16 @@ def checked(name, value, *shape):
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}")
     return array
 
+
 # ------------------------------------------------------------------------ goals
 STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
+
 
 def stream(name, seed, *more):
     """A random generator of its own for every stream, seed, and number of a trial."""
     # + 1, because numpy takes (seed, 0) for the same as (seed).
     return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
+
 
 def draw_goals(rng, count, task=Task(), far=False):
     """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
@@ -150,17 +167,22 @@ def draw_goals(rng, count, task=Task(), far=False):
     goals[:, 2] = wrap(goals[:, 2])
     return goals
 
+
 def polar(goal):
     """d [m], α, β [rad], each [...], of goals seen from the robot, [..., 3] (x, y, yaw)."""
     x, y, yaw = np.moveaxis(goal, -1, 0)
     return np.hypot(x, y), wrap(yaw), np.arctan2(y, x)
 
+
 def encode_goal(goal):
     """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
     zoomed = np.clip(goal / 0.5, -1, 1)  # [..., 3] x, y; the yaw is not used
-    return np.stack([np.minimum(d, 2.0), zoomed[..., 0], zoomed[..., 1], np.cos(beta), np.sin(beta),
-                     np.cos(alpha), np.sin(alpha), alpha / np.pi], -1)
+    return np.stack([
+        np.minimum(d, 2.0), zoomed[..., 0], zoomed[..., 1],
+        np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha), alpha / np.pi,
+    ], -1)  # fmt: skip
+
 
 # ------------------------------------------------------------------------ actions
 def to_footsteps(action, limits):
@@ -168,10 +190,12 @@ def to_footsteps(action, limits):
     share = np.reshape(action, (*np.shape(action)[:-1], 2, 3))
     return limits.low + share * np.subtract(limits.high, limits.low)
 
+
 def to_action(footsteps, limits):
     """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
     share = np.subtract(footsteps, limits.low) / np.subtract(limits.high, limits.low)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
+
 
 # ------------------------------------------------------------------------ rewards
 def potentials(goal, near_m):
@@ -181,6 +205,7 @@ def potentials(goal, near_m):
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
+
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task()):
     """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
@@ -206,7 +231,9 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
         "r_c": task.s_c * -(change**2).sum(-1),
         "r_fall": -task.s_fall * fall,
         "r_goal": task.s_goal * success,
-        "r_time": np.full(len(before), -task.s_time)}
+        "r_time": np.full(len(before), -task.s_time),
+    }
+
 
 def hand_written(measured, limits):
     """A planner without learning. Far from the goal it turns to the goal's position, near it to the
@@ -222,6 +249,7 @@ def hand_written(measured, limits):
     steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
     steps = np.clip(steps, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
     return to_action(steps, limits)
+
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
@@ -239,6 +267,7 @@ def predict(goal, variance, motion, drift):
     lever = np.stack([y, x, 0 * x], -1)
     return goal, variance + np.square(drift) + (lever * drift[2]) ** 2
 
+
 def correct(goal, variance, measured, noise):
     """The goal [n, 3] after a measurement [n, 3], and its variance; noise: its 1 σ [3]."""
     # K = V / (V + R): 1 trusts the measurement, 0 the prediction;   V ← (1 − K)·V = K·R
@@ -250,20 +279,24 @@ def correct(goal, variance, measured, noise):
     goal[:, 2] = wrap(goal[:, 2])
     return goal, gain * np.square(noise)
 
+
 # ------------------------------------------------------------------------ the world
 # In every episode a robot has one generator for each of six purposes. So a planner that measures
 # the goal twice does not change the ground.
 GOAL, WORLD, NOISE, IMU, PUSH, GYRO = range(6)
 PUSH_TICKS = 5  # how long a push lasts
 
+
 @dataclass(frozen=True)
 class View:
     """What a planner may use for n robots, beside the estimated goals; all of it is copied."""
+
     period: float  # [s] of a double step
     limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
     actions: np.ndarray  # [n, 2, 6] the last one, the one before
     observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
+
 
 class FootstepWorld:
     """N robots on their way to N goals. `robots` are always the indices [n] of some of them.
@@ -272,16 +305,26 @@ class FootstepWorld:
     alone. Ground and body do not depend on the planner, and the k-th measurement of a robot has the
     same noise for all planners.
     """
+
     push = 0.0  # [m/s] Δv of the pushes
 
-    def __init__(self, num_robots, sim="pymunk", noise=False, task=Task(), cores=None,
-                 robot=robot_model.RobotModel(), spread=Spread()):
+    def __init__(
+        self,
+        num_robots,
+        sim="pymunk",
+        noise=False,
+        task=Task(),
+        cores=None,
+        robot=robot_model.RobotModel(),
+        spread=Spread(),
+    ):
         self.task = task
         self.limits = LIMITS[sim]
         self.spread = spread
         self.noise = noise  # are goal and tilt measured with noise?
         self.engine = walk_engine.WalkEngine(
-            num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk")
+            num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk"
+        )
         self.push_chance = self.engine.period / task.push_every  # of a push in a double step
         self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
         self.close = self.sim.close  # its threads or processes
@@ -322,16 +365,19 @@ class FootstepWorld:
         # spawn returns new generators at every call, so every episode differs.
         self.dice[robots] = [rng.spawn(6) for rng in self.rng[robots]]
         if goals is None:  # far with probability ½
-            goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
-                     for rng in self.dice[robots, GOAL]]
+            goals = [
+                draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
+                for rng in self.dice[robots, GOAL]
+            ]
         self.goal[robots] = goals
         body = self.spread.draw(self.dice[robots, WORLD], self.engine.robot)
         body.friction = np.where(np.isnan(friction), body.friction, friction)
         self.friction[robots] = body.friction
         self.sim.reset(robots, body)
         self.engine.reset(robots)
-        self.gyro_offset[robots] = [rng.uniform(-self.spread.gyro, self.spread.gyro, 2)
-                                    for rng in self.dice[robots, GYRO]]
+        self.gyro_offset[robots] = [
+            rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.dice[robots, GYRO]
+        ]
         self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
         self.estimate[robots] = self.pose[robots] = 0
         self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
@@ -346,8 +392,9 @@ class FootstepWorld:
 
     def _noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
-        return np.array([rng.normal(mean, std)
-                         for rng, mean in zip(self.dice[robots, purpose], exact)])
+        return np.array(
+            [rng.normal(mean, std) for rng, mean in zip(self.dice[robots, purpose], exact)]
+        )
 
     def measure(self, robots):
         """The goal [n, 3] as the robot knows it after one more measurement."""
@@ -356,7 +403,8 @@ class FootstepWorld:
         measured = self._noisy(NOISE, self.relative_goal(robots), robots, std)
         # Without noise K is 1: only the new measurement counts. (Not 0 / 0 if it is made twice.)
         self.estimate[robots], self.variance[robots] = correct(
-            self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12))
+            self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12)
+        )
         return self.estimate[robots]
 
     def _disturb(self, trajectory, robots):
@@ -366,7 +414,8 @@ class FootstepWorld:
         force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
         for i, gyro, push in zip(robots, trajectory.gyro, trajectory.push):  # [T, 2] each, views
             gyro[:] = self.dice[i, GYRO].normal(
-                self.gyro_offset[i], self.task.imu_rad_s, gyro.shape)
+                self.gyro_offset[i], self.task.imu_rad_s, gyro.shape
+            )
             chance, begin, way = self.dice[i, PUSH].random(3)  # also if unused
             if chance < self.push_chance:
                 first = int(begin * (len(push) - PUSH_TICKS + 1))
@@ -389,7 +438,8 @@ class FootstepWorld:
             limits=self.limits,
             neutral_action=self.neutral_action.copy(),
             actions=self.actions[robots],
-            observation=self.observe(robots, measured))
+            observation=self.observe(robots, measured),
+        )
 
     def step(self, actions, robots):
         """One double step of these robots; actions [n, 6], clipped to [0, 1].
@@ -405,8 +455,11 @@ class FootstepWorld:
         trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
         trunk = trajectory.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
         self.estimate[robots], self.variance[robots] = predict(
-            self.estimate[robots], self.variance[robots],
-            robot_model.relative(trunk[:, 0], trunk[:, -1]), task.drift)
+            self.estimate[robots],
+            self.variance[robots],
+            robot_model.relative(trunk[:, 0], trunk[:, -1]),
+            task.drift,
+        )
         self._disturb(trajectory, robots)
         motion = self.sim.run(trajectory, robots)
         fall = motion.fell
@@ -423,9 +476,17 @@ class FootstepWorld:
         late = self.steps[robots] >= self.allowed[robots]
         timeout = late & ~success & ~fall
         terms = reward_terms(before, after, actions, last, fall, success, task)
-        return {"success": success, "fall": fall, "timeout": timeout, "inside": inside,
-                "time": (self.steps[robots] - success) * self.engine.period,
-                "reward": sum(terms.values()), "reward_terms": terms, "motion": motion}
+        return {
+            "success": success,
+            "fall": fall,
+            "timeout": timeout,
+            "inside": inside,
+            "time": (self.steps[robots] - success) * self.engine.period,
+            "reward": sum(terms.values()),
+            "reward_terms": terms,
+            "motion": motion,
+        }
+
 
 def fingerprint(sim, imu=False):
     """What a policy was made for, in plain values; it is stored with the policy."""
@@ -433,7 +494,9 @@ def fingerprint(sim, imu=False):
         "simulator": sim,
         "observation": [row[0] for row in observation_table(imu)],
         "step limits": asdict(LIMITS[sim]),
-        "walk parameters": asdict(walk_engine.TUNED[sim])}
+        "walk parameters": asdict(walk_engine.TUNED[sim]),
+    }
+
 
 # ------------------------------------------------------------------------ Gymnasium
 class FootstepVectorEnv(gym.vector.VectorEnv):
@@ -442,11 +505,13 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     Then `step` returns the first observation of the next episode; the last one of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
     """
+
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     autoreset = True  # does a finished episode start anew? (Not in `FootstepEnv`.)
 
-    def __init__(self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False,
-                 **settings):
+    def __init__(
+        self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False, **settings
+    ):
         self.num_envs = num_envs
         self.staggered = staggered  # the first episodes get less time, so they end one by one
         self.single_observation_space = gym.spaces.Box(*bounds(imu))
@@ -465,8 +530,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         self.world.reset(self.robots, rngs, (options or {}).get("goals"))
         if self.staggered:
-            self.world.allowed -= self.np_random.integers(
-                self.world.most_steps, size=self.num_envs)
+            self.world.allowed -= self.np_random.integers(self.world.most_steps, size=self.num_envs)
         return self.look(self.robots), {}
 
     def look(self, robots):
@@ -482,15 +546,21 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         infos = result
         ended = terminated | truncated
         if self.autoreset and ended.any():
-            infos = result | {"final_obs": observations.copy(), "_final_obs": ended,
-                              "final_info": result, "_final_info": ended}
+            infos = result | {
+                "final_obs": observations.copy(),
+                "_final_obs": ended,
+                "final_info": result,
+                "_final_info": ended,
+            }
             fresh = self.robots[ended]
             self.world.reset(fresh)
             observations[fresh] = self.look(fresh)
         return observations, result["reward"], terminated, truncated, infos
 
+
 class FootstepEnv(gym.Env):
     """One robot of a `FootstepVectorEnv`. `gymnasium.wrappers.RecordVideo` can film it."""
+
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
     def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepVectorEnv
@@ -533,7 +603,9 @@ class FootstepEnv(gym.Env):
         plt.close(figure)
         return picture
 
+
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
+
 
 # ------------------------------------------------------------------------ demonstration
 def plot_rewards(means, paid, path, title):
@@ -550,10 +622,14 @@ def plot_rewards(means, paid, path, title):
     bars.legend(loc=(0.02, 0.62))
     curves.plot(paid.cumsum(0), label=words)
     curves.axvline(len(paid) - 1, color="0.5", label="end of the episode")
-    curves.set(title="One episode, hand-written planner", xlabel="double step",
-               ylabel="sum of rewards so far [1]")
+    curves.set(
+        title="One episode, hand-written planner",
+        xlabel="double step",
+        ylabel="sum of rewards so far [1]",
+    )
     curves.legend(loc=(1.02, 0.2))
     robot_model.save_figure(figure, path)
+
 
 def main():
     parser = robot_model.StageParser(__doc__)
@@ -561,9 +637,11 @@ def main():
     path = parser.folder(args) / "03_rewards.png"
     limits = LIMITS[args.sim]
     for row in (
-            ("observation", "unit", "low", "high"), *observation_table(),
-            ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
-            *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2)):
+        ("observation", "unit", "low", "high"),
+        *observation_table(),
+        ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
+        *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2),
+    ):
         print("{:32} {:>22} {:>7} {:>7}".format(*row))
 
     count, steps = 64, 60
@@ -591,6 +669,7 @@ def main():
     robot = first.argmax()  # its first episode was the longest
     plot_rewards(means, paid[: first[robot] + 1, :, robot], path, f"{count} robots ({args.sim})")
     print("Look at", path)
+
 
 if __name__ == "__main__":
     robot_model.run(main)

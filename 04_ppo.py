@@ -77,9 +77,11 @@ torch.set_num_threads(1)  # matrices this small are slower on several threads
 Distribution.set_default_validate_args(False)  # quicker
 STEPS, QUICK_STEPS = 500_000, 60_000  # double steps; the paper: 1,000,000
 
+
 @dataclass(frozen=True)
 class PPOConfig:
     """Sources: [P] the paper, [7], [8] its default, [own] our choice; (name in [8])."""
+
     num_envs: int = 64  # N, robots that walk at the same time (n_envs) [own]
     rollout: int = 64  # T, double steps of each robot between two updates (n_steps) [own]
     epochs: int = 10  # how often every sample is used (n_epochs) [8]
@@ -96,9 +98,18 @@ class PPOConfig:
     sharpest: float = 6.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
     checkpoint_every: int = 10  # updates; then all episodes begin anew, see `train` [own]
 
+
 # Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
-GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1,
-                       sharpest=4.0, checkpoint_every=10**9)
+GYM_CONFIG = PPOConfig(
+    num_envs=16,
+    rollout=128,
+    minibatch=256,
+    gamma=0.99,
+    reward_scale=0.1,
+    sharpest=4.0,
+    checkpoint_every=10**9,
+)
+
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
@@ -113,6 +124,7 @@ def mlp(sizes, last_gain):
     nn.init.orthogonal_(linear.weight, last_gain)  # of the last layer
     return nn.Sequential(*layers[:-1])
 
+
 class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
@@ -122,6 +134,7 @@ class ActorCritic(nn.Module):
     its density is raised to a power k, the sharpness, which grows from 1 to 6.
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode.
     """
+
     sharpness = 1.0  # k; set by `train` and `load_policy`
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
@@ -157,6 +170,7 @@ class ActorCritic(nn.Module):
         with torch.no_grad():  # α / (α + β); the paper: the mode, see `tests/studies/ablations.py`
             return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mean.numpy()
 
+
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):
     """(1) N robots take T steps each, from the observations obs [N, …] on: tensors [T, N, …] by
@@ -172,14 +186,20 @@ def collect(model, envs, obs, steps):
         next_obs = after.astype(np.float32)
         for i in np.flatnonzero(terminated | truncated):
             next_obs[i] = info["final_obs"][i]
-        step = {"obs": obs, "action": action, "next_obs": next_obs,
-                "reward": reward.astype(np.float32),
-                "terminated": terminated, "truncated": truncated}
+        step = {
+            "obs": obs,
+            "action": action,
+            "next_obs": next_obs,
+            "reward": reward.astype(np.float32),
+            "terminated": terminated,
+            "truncated": truncated,
+        }
         buffer.append({name: torch.as_tensor(value) for name, value in step.items()})
         infos.append(info)
         obs = after
     data = {name: torch.stack([step[name] for step in buffer]) for name in buffer[0]}
     return data, obs, infos
+
 
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     """(2) Advantages A_t by generalised advantage estimation [GAE]; everything [T, N].
@@ -206,6 +226,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         advantages[t] = next_advantage
     return advantages
 
+
 def clipped_objective(ratio, advantage, clip):
     """Per sample, to be maximised; ratio ρ = π(a|s) / π_old(a|s).
 
@@ -216,18 +237,27 @@ def clipped_objective(ratio, advantage, clip):
     # L = min(ρ·A, clip(ρ, 1 − ε, 1 + ε)·A)
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
+
 def judge(model, data, cfg):
     """(2) Advantage, the critic's target, log π_old, each [B], B = T·N; data: tensors [T, N, …]."""
     with torch.no_grad():
         values = model.value(data["obs"])  # [T, N]
         rewards = cfg.reward_scale * data["reward"]
-        advantages = gae(rewards, values, model.value(data["next_obs"]),
-                         data["terminated"], data["truncated"], cfg.gamma, cfg.lam)
+        advantages = gae(
+            rewards,
+            values,
+            model.value(data["next_obs"]),
+            data["terminated"],
+            data["truncated"],
+            cfg.gamma,
+            cfg.lam,
+        )
         # The critic's output should be G_t. Our best estimate of G_t: V(s_t) + A_t
         targets = values + advantages
         # π_old is the model as it is now, before the first gradient step.
         old_log_prob = model.policy(data["obs"]).log_prob(data["action"])
     return advantages.flatten(), targets.flatten(), old_log_prob.flatten()
+
 
 def improve(model, optimizer, data, cfg):
     """(3) Gradient steps on a rollout (tensors [T, N, …]); returns numbers, on all samples:
@@ -260,13 +290,18 @@ def improve(model, optimizer, data, cfg):
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
         # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. As E[ρ − 1] = 0,
         # we may add ρ − 1: the mean is the same, but each sample is ≥ 0, so there is less noise.
-        return {**before, "clip_fraction": outside.mean().item(),
-                "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
-                "value_loss": nn.functional.mse_loss(model.value(obs), targets).item()}
+        return {
+            **before,
+            "clip_fraction": outside.mean().item(),
+            "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
+            "value_loss": nn.functional.mse_loss(model.value(obs), targets).item(),
+        }
+
 
 # ------------------------------------------------------------------------ the loop
-def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
-          make_model=ActorCritic):
+def train(
+    cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, make_model=ActorCritic
+):
     """Trains for `total_steps` steps of all robots together; (model, rows of the log).
 
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
@@ -275,14 +310,23 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
     """
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
     updates = max(1, math.ceil(total_steps / samples))
-    about = {"fits": {}, **(about or {}),
-             "seed": seed, "steps": updates * samples, "config": asdict(cfg)}
+    about = {
+        "fits": {},
+        **(about or {}),
+        "seed": seed,
+        "steps": updates * samples,
+        "config": asdict(cfg),
+    }
     torch.manual_seed(random_seed(seed))
     with contextlib.closing(make_envs(cfg.num_envs)) as bare:
         envs = gym.wrappers.vector.RecordEpisodeStatistics(bare)
         model = make_model(
-            envs.single_observation_space.shape[0], envs.single_action_space.shape[0],
-            cfg.hidden, getattr(bare, "neutral_action", 0.5), cfg.first_concentration)
+            envs.single_observation_space.shape[0],
+            envs.single_action_space.shape[0],
+            cfg.hidden,
+            getattr(bare, "neutral_action", 0.5),
+            cfg.first_concentration,
+        )
         # foreach: one call for all weights, which is quicker; eps as in [8]
         optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
         rows = load_checkpoint(out, about, model, optimizer) if resume else []
@@ -293,8 +337,9 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
         early = {0: "start", max(1, updates // 10): "tenth"}  # policies worth keeping, by update
-        bar = tqdm(range(first, updates), total=updates, initial=first, unit=" steps",
-                   unit_scale=samples)
+        bar = tqdm(
+            range(first, updates), total=updates, initial=first, unit=" steps", unit_scale=samples
+        )
         for update in bar:
             # At every tenth update all episodes begin anew, with seeds made of the update's number.
             # So the networks and Adam's state are all that a checkpoint has to hold, and a resumed
@@ -316,10 +361,19 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
             numbers = improve(model, optimizer, data, cfg)
             means = episode_means(infos)
             minutes = (time.monotonic() - started) / 60
-            rows.append({"steps": (update + 1) * samples, "minutes": minutes,
-                         **numbers, **means, "learning_rate": rate})
-            bar.set_description(f"success {means['success']:.2f}, falls {means['fall']:.2f}, "
-                                f"return {means['return']:.2f}")
+            rows.append(
+                {
+                    "steps": (update + 1) * samples,
+                    "minutes": minutes,
+                    **numbers,
+                    **means,
+                    "learning_rate": rate,
+                }
+            )
+            bar.set_description(
+                f"success {means['success']:.2f}, falls {means['fall']:.2f}, "
+                f"return {means['return']:.2f}"
+            )
             if not np.isfinite(numbers["value_loss"]):
                 raise FloatingPointError(f"after {rows[-1]['steps']} steps: the loss is not finite")
     model.sharpness = cfg.sharpest
@@ -328,6 +382,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, about=None, resume=False,
         save_policy(out / "policy.pt", model, {**about, "minutes": minutes})
         save_checkpoint(out, about, rows, model, optimizer)
     return model, rows
+
 
 def episode_means(infos):
     """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
@@ -342,13 +397,16 @@ def episode_means(infos):
             ended[name] += final[name][counted].tolist()
     return {name: float(np.mean(v)) if v else float("nan") for name, v in ended.items()}
 
+
 def random_seed(*numbers):
     """A 32-bit seed made of several numbers."""
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
+
 # ------------------------------------------------------------------------ files
 class PolicyError(ValueError):
     """A file cannot be used; the message is one line that says why."""
+
 
 def load_plain(path, *keys):
     """The dict with these keys in a file of ours; foreign code in the file is never run."""
@@ -363,8 +421,9 @@ def load_plain(path, *keys):
         raise PolicyError(f"{path}: not written by 04_ppo.py")
     return stored
 
+
 def difference(stored, wanted):
-    """"name is A in the file, but B here": the first entry that differs, or ""."""
+    """The first entry that differs: "name is A in the file, but B here"; or ""."""
     for key in {**wanted, **stored}:
         there = stored.get(key, "missing")
         here = wanted.get(key, "missing")
@@ -374,10 +433,12 @@ def difference(stored, wanted):
             return f"{key} is {there} in the file, but {here} here"
     return ""
 
+
 def save_policy(path, model, meta):
     """Writes the model and `meta` (plain values)."""
     stored = {**meta, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
     robot_model.atomic_write(path, partial(torch.save, stored))
+
 
 def load_policy(path):
     """(model, meta); meta["fits"] says what the policy was trained for."""
@@ -387,14 +448,22 @@ def load_policy(path):
     model.sharpness = meta["sharpness"]
     return model, meta
 
+
 def save_checkpoint(out, about, rows, model, optimizer):
     """All that a resumed training needs, and the log so far as a table."""
-    stored = {"about": about, "rows": rows,
-              "model": model.state_dict(), "optimizer": optimizer.state_dict()}
+    stored = {
+        "about": about,
+        "rows": rows,
+        "model": model.state_dict(),
+        "optimizer": optimizer.state_dict(),
+    }
     robot_model.atomic_write(out / "checkpoint.pt", partial(torch.save, stored))
     table = [list(row.values()) for row in rows]
-    robot_model.atomic_write(out / "learning_curve.csv", lambda file: np.savetxt(
-        file, table, "%.9g", ",", header=",".join(rows[0]), comments=""))
+    robot_model.atomic_write(
+        out / "learning_curve.csv",
+        lambda file: np.savetxt(file, table, "%.9g", ",", header=",".join(rows[0]), comments=""),
+    )
+
 
 def load_checkpoint(out, about, model, optimizer):
     """Puts the networks and Adam's state back where a training stopped; returns its log."""
@@ -406,6 +475,7 @@ def load_checkpoint(out, about, model, optimizer):
     optimizer.load_state_dict(stored["optimizer"])
     return stored["rows"]
 
+
 # ------------------------------------------------------------------------ the picture
 PANELS = {  # title and unit: columns
     "success rises, falls sink [share of walks]": ("success", "timeout", "fall"),
@@ -416,11 +486,14 @@ PANELS = {  # title and unit: columns
     "the critic predicts: explained variance [1]": ("explained_variance",),
 }
 
+
 def plot_learning_curve(rows, path, title):
     """Every panel of the log: a faint dot for each update, and a running mean of a twentieth."""
     steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
-    shown = {name: [column for column in columns if not np.isnan(
-        [row[column] for row in rows]).all()] for name, columns in PANELS.items()}
+    shown = {
+        name: [column for column in columns if not np.isnan([row[column] for row in rows]).all()]
+        for name, columns in PANELS.items()
+    }
     shown = {name: columns for name, columns in shown.items() if columns}
     figure, grid = plt.subplots(2, math.ceil(len(shown) / 2), figsize=(12, 6.5))
     for axes, (name, columns) in zip(grid.flat, shown.items()):
@@ -429,7 +502,7 @@ def plot_learning_curve(rows, path, title):
             x, y = steps[~np.isnan(y)], y[~np.isnan(y)]
             width = max(1, len(y) // 20)
             mean = np.convolve(y, np.full(width, 1 / width), "valid")
-            line, = axes.plot(x[width // 2 :][: len(mean)], mean, label=column)
+            (line,) = axes.plot(x[width // 2 :][: len(mean)], mean, label=column)
             axes.plot(x, y, ".", color=line.get_color(), alpha=0.2)
         axes.set(title=name, xlabel="steps of all robots [thousands]")
         if len(columns) > 1:
@@ -440,17 +513,25 @@ def plot_learning_curve(rows, path, title):
     figure.suptitle(title)
     robot_model.save_figure(figure, path)
 
+
 # ------------------------------------------------------------------------ command line
 def gym_envs(env_id, num_envs):
     """A registered Gymnasium environment for `train`: flat observations, actions in [0, 1]."""
+
     def rescaled(one):
         box = one.action_space
         if not isinstance(box, gym.spaces.Box) or not box.is_bounded() or len(box.shape) != 1:
             raise gym.error.Error(f"{env_id}: this PPO needs actions in a Box [n], with bounds")
         return gym.wrappers.RescaleAction(one, *np.float32([0, 1]))
 
-    return gym.make_vec(env_id, num_envs, "sync", {"autoreset_mode": "SameStep"},
-                        (rescaled, gym.wrappers.FlattenObservation))
+    return gym.make_vec(
+        env_id,
+        num_envs,
+        "sync",
+        {"autoreset_mode": "SameStep"},
+        (rescaled, gym.wrappers.FlattenObservation),
+    )
+
 
 def main(argv=None):
     parser = robot_model.StageParser(__doc__)
@@ -475,8 +556,9 @@ def main(argv=None):
     else:
         cfg = PPOConfig()
         fits = env.fingerprint(args.sim, args.imu)
-        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu,
-                            staggered=True)
+        make_envs = partial(
+            env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu, staggered=True
+        )
     if args.gamma is not None:
         cfg = replace(cfg, gamma=args.gamma)
     variants = ["imu"] * args.imu + ["quick"] * args.quick
@@ -495,6 +577,7 @@ def main(argv=None):
     if not args.env:
         flag = " --mujoco" * (args.sim == "mujoco")
         print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
+
 
 if __name__ == "__main__":
     robot_model.run(main)

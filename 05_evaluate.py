@@ -62,10 +62,12 @@ PAPER = {  # Table II by (planner, noise): success | timeout | fall | success ti
 }
 FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
 
+
 # ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
 class BaselineSettings:
     """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
+
     forward: float = 0.12  # [m/s] speed limit
     backward: float = 0.06  # [m/s]
     sideways: float = 0.07  # [m/s]
@@ -76,14 +78,32 @@ class BaselineSettings:
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
     share: bool = False  # do both feet share sideways ways and turns? Ours
 
+
 TUNED = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
     "pymunk": BaselineSettings(
-        forward=0.5232, backward=0.5136, sideways=0.2712, turning=1.6075, gain=0.8537,
-        turning_gain=0.6054, far_m=0.8985, time_constant=0.2408, share=True),
+        forward=0.5232,
+        backward=0.5136,
+        sideways=0.2712,
+        turning=1.6075,
+        gain=0.8537,
+        turning_gain=0.6054,
+        far_m=0.8985,
+        time_constant=0.2408,
+        share=True,
+    ),
     "mujoco": BaselineSettings(
-        forward=0.48, backward=0.35, sideways=0.23, turning=1.13, gain=0.9,
-        turning_gain=0.66, far_m=0.84, time_constant=0.23, share=True),
+        forward=0.48,
+        backward=0.35,
+        sideways=0.23,
+        turning=1.13,
+        gain=0.9,
+        turning_gain=0.66,
+        far_m=0.84,
+        time_constant=0.23,
+        share=True,
+    ),
 }
+
 
 def velocity_command(goal, settings):
     """Where to and how fast: goals seen from the robot [n, 3] -> v_x, v_y [m/s], ω [rad/s]."""
@@ -100,10 +120,12 @@ def velocity_command(goal, settings):
     omega = np.clip(settings.turning_gain * error, -settings.turning, settings.turning)
     return np.stack([v * cos, v * sin, omega], -1)  # [n, 3]
 
+
 def low_pass(velocity, command, seconds, time_constant):
     """The filter τ·dv/dt = v_cmd − v, solved exactly, after `seconds`; τ = 0: no filter."""
     # v ← v + (1 − exp(−t/τ))·(v_cmd − v)
     return velocity + (1 - math.exp(-seconds / max(time_constant, 1e-9))) * (command - velocity)
+
 
 def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot.
@@ -122,8 +144,10 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     right = -np.where(way > 0, rest, out)  # mirrored
     return np.stack([np.column_stack([forward, left]), np.column_stack([forward, right])], 1)
 
+
 class BaselinePlanner:
     """The controller of [10]; it decides once per double step instead of 20 times a second."""
+
     def __init__(self, settings=BaselineSettings()):
         self.settings = settings
 
@@ -143,8 +167,10 @@ class BaselinePlanner:
             lead = (view.limits.high / span)[1:]
         return env.to_action(velocity_to_footsteps(velocity, view.period, lead), view.limits)
 
+
 class PolicyPlanner:
     """The trained policy without exploring: `ActorCritic.decide` of stage 4."""
+
     def __init__(self, model, imu=False):
         self.model = model
         self.columns = len(env.observation_table(imu))  # the rows of the IMU are the last ones
@@ -155,20 +181,24 @@ class PolicyPlanner:
     def act(self, view, robots, measured):
         return self.model.decide(view.observation[:, : self.columns])
 
+
 # ------------------------------------------------------------------------ trials
 @dataclass
 class Trials:
     """Where n robots shall go, and what decides about their ground, body and noise."""
+
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: np.ndarray  # [n] of the random stream
     number: np.ndarray  # [n] of the trial in it; seed and number fix ground, body and noise
     friction: np.ndarray  # [n] μ of the ground; nan: as drawn
     purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
 
+
 def draw_trials(seed, count, far=False, friction=np.nan, purpose="evaluation"):
     """The trials 0, 1, …; a far trial is a near one with its goal twice as far."""
     goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
     return Trials(goals, np.full(count, seed), np.arange(count), np.full(count, friction), purpose)
+
 
 def least_time(goals, world):
     """The kinematic optimum [n] [s]: no plan within the step limits gets to goals [n, 3] sooner.
@@ -186,6 +216,7 @@ def least_time(goals, world):
     ways = (d - world.task.success_m) / longest
     turns = (np.abs(alpha) - world.task.success_rad) / (turn - world.limits.low[2])
     return world.engine.period * np.ceil(np.maximum(ways, turns).clip(1))
+
 
 def evaluate(planner, world, trials, noise=False, watch=None):
     """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
@@ -228,10 +259,17 @@ def evaluate(planner, world, trials, noise=False, watch=None):
             result = world.step([world.neutral_action] * len(standing), standing)
             still_there[standing] = result["inside"]
             standing = standing[~result["fall"]]
-    return {"friction": world.friction[everybody], "outcome": outcome, "time": time,
-            "steps": steps, "still_there": still_there,
-            "reached_once": time_once > 0, "time_once": time_once,
-            "least": least_time(trials.goals, world)}
+    return {
+        "friction": world.friction[everybody],
+        "outcome": outcome,
+        "time": time,
+        "steps": steps,
+        "still_there": still_there,
+        "reached_once": time_once > 0,
+        "time_once": time_once,
+        "least": least_time(trials.goals, world),
+    }
+
 
 def double_step(planner, world, robots):
     """Measure, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
@@ -245,6 +283,7 @@ def double_step(planner, world, robots):
         raise ValueError(f"{name} must lie between 0 and 1")
     return world.step(actions, robots)
 
+
 def foot_poses(torso, joints):
     """Where the measured feet are at the end of double steps, x, y [m], yaw [rad]:
     torso [K, T, 6], joints [K, T, 12] -> [K, 2, 3].
@@ -252,6 +291,7 @@ def foot_poses(torso, joints):
     points, turn = robot_model.body_points(ROBOT, torso[:, -1], joints[:, -1])
     yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
     return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
+
 
 def record(planner, world, trials):
     """Walk without noise and yield what physics did, a dict per trial: torso [T, 6] and joints
@@ -268,7 +308,9 @@ def record(planner, world, trials):
             "friction": ended["friction"][i],
             "feet": foot_poses(torso, joints),
             "torso": np.concatenate(torso),
-            "joints": np.concatenate(joints)}
+            "joints": np.concatenate(joints),
+        }
+
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
@@ -279,15 +321,16 @@ def wilson(count, total, z=1.96):
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
     return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
+
 def time_ratio(trials, reference, resamples=2000):
     """How the times of two planners compare over the goals that both reached, a dict:
 
-        goals                         how many these are; without one the dict is empty
-        time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
-        median                        of the ratios goal by goal
-        slower                        share of the goals that took longer than the reference
-        over_optimum                  mean time / mean of the least time to these goals, which the
-                                      step limits allow (`least` in the trials, see `evaluate`)
+    goals                         how many these are; without one the dict is empty
+    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
+    median                        of the ratios goal by goal
+    slower                        share of the goals that took longer than the reference
+    over_optimum                  mean time / mean of the least time to these goals, which the
+                                  step limits allow (`least` in the trials, see `evaluate`)
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
@@ -298,12 +341,15 @@ def time_ratio(trials, reference, resamples=2000):
     # ratio.  pick [resamples, goals]
     pick = np.random.default_rng(0).integers(len(ours), size=(resamples, len(ours)))
     ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
-    return {"goals": len(ours),
-            "time_ratio": ours.mean() / theirs.mean(),
-            "time_ratio_ci95": np.percentile(ratios, [2.5, 97.5]),
-            "median": np.median(ours / theirs),
-            "slower": np.mean(ours > theirs),
-            "over_optimum": ours.mean() / trials["least"][both].mean()}
+    return {
+        "goals": len(ours),
+        "time_ratio": ours.mean() / theirs.mean(),
+        "time_ratio_ci95": np.percentile(ratios, [2.5, 97.5]),
+        "median": np.median(ours / theirs),
+        "slower": np.mean(ours > theirs),
+        "over_optimum": ours.mean() / trials["least"][both].mean(),
+    }
+
 
 # ------------------------------------------------------------------------ pictures
 def draw_way(axes, goal, feet, view):
@@ -324,6 +370,7 @@ def draw_way(axes, goal, feet, view):
         places = pose[:2] + robot_model.turned(outline, pose[2])
         axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
+
 def plot_footsteps(columns, path):
     """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
@@ -339,10 +386,14 @@ def plot_footsteps(columns, path):
         panel.margins(0.15)
     axes[0].set_ylabel("y [m]")
     goal, left, right = axes[0].patches[:3]  # as `draw_way` drew them
-    figure.legend([left, right, goal, axes[0].lines[0]],
-                  ["left foot", "right foot", "goal", "torso on the ground"],
-                  loc="outside lower center", ncols=4)
+    figure.legend(
+        [left, right, goal, axes[0].lines[0]],
+        ["left foot", "right foot", "goal", "torso on the ground"],
+        loc="outside lower center",
+        ncols=4,
+    )
     robot_model.save_figure(figure, path)
+
 
 def draw_scene(axes, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
@@ -352,6 +403,7 @@ def draw_scene(axes, goal, feet, torso, joints, title):
     draw_way(axes, goal, feet, view)
     robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], view)
     axes.set_title(title)
+
 
 def plot_race(walks, path, every=10):
     """Walks to one goal by planner, side by side, at twice their speed, for 12 s at most."""
@@ -368,15 +420,27 @@ def plot_race(walks, path, every=10):
             now = min(tick, ticks - 1)
             done = (now + 1) * len(walk["feet"]) // ticks  # double steps
             title = walk["ending"] if now < tick else f"{now * ROBOT.control_dt:.1f} s"
-            draw_scene(panel, walk["goal"], walk["feet"][:done], walk["torso"][now],
-                       walk["joints"][now], f"{name}\n{title}")
+            draw_scene(
+                panel,
+                walk["goal"],
+                walk["feet"][:done],
+                walk["torso"][now],
+                walk["joints"][now],
+                f"{name}\n{title}",
+            )
             panel.set(xlim=xlim, ylim=ylim)
 
     film = FuncAnimation(  # the last picture is repeated
-        figure, draw, [*range(0, last, every), *[last + every] * 30])
-    robot_model.atomic_write(path, lambda file: film.save(  # pictures per second: twice its speed
-        file, "pillow", 2 / (every * ROBOT.control_dt), dpi=75))
+        figure, draw, [*range(0, last, every), *[last + every] * 30]
+    )
+    robot_model.atomic_write(
+        path,
+        lambda file: film.save(  # pictures per second: twice its speed
+            file, "pillow", 2 / (every * ROBOT.control_dt), dpi=75
+        ),
+    )
     plt.close(figure)
+
 
 # ------------------------------------------------------------------------ to play with
 def open_window():
@@ -392,13 +456,15 @@ def open_window():
         return figure, axes
     raise ppo.PolicyError("--play needs a display, and Tk or Qt (python -m pip install pyqt6)")
 
+
 def play(world, planners, friction):
     """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
     After a fall it stands up again at the origin. Planners by name; p takes the next one.
     """
     figure, axes = open_window()
     figure.supxlabel(
-        "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner")
+        "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner"
+    )
     robots, engine = np.array([0]), world.engine
     keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
@@ -453,6 +519,7 @@ def play(world, planners, friction):
             due = monotonic() + 10 * ROBOT.control_dt
         feet = np.concatenate([feet, foot_poses(motion.torso, motion.joints)])
 
+
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
 def compare(results):
@@ -464,9 +531,11 @@ def compare(results):
             ratios.append(row | {name: np.round(x, 4).tolist() for name, x in ratio.items()})
     return ratios
 
+
 def rounded(number, values, digits=4):
     """number(values), their mean for example; None: there was nothing to measure."""
     return round(float(number(values)), digits) if len(values) else None
+
 
 def summary(planner, noise, std, trials, task):
     """One row of the table; std: σ of the goals' x and y [m], None for goals of one's own."""
@@ -476,7 +545,8 @@ def summary(planner, noise, std, trials, task):
         "still_there": trials["still_there"][reached],  # of the successes
         "reached_once": once,  # from here on by the paper's rule
         "timeout_once": shares["timeout"] & ~once,
-        "fall_once": shares["fall"] & ~once}
+        "fall_once": shares["fall"] & ~once,
+    }
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(reached)}
     if noise:
         row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
@@ -488,55 +558,72 @@ def summary(planner, noise, std, trials, task):
         row[f"{name}_std"] = rounded(np.std, trials[name][who], 3)
     return row
 
+
 def mean_and_std(row, name):
     """Seconds of a row as a text."""
     mean = row[f"{name}_mean"]  # None: nobody arrived
     return "none" if mean is None else f"{mean:.2f} ± {row[f'{name}_std']:.2f}"
 
+
 def table(rows, ratios):
     """Markdown: our rows; by the paper's rule, with the paper's own; the policy's ratios."""
-    ours = ("| goals σ | noise | planner | success [95 % interval] | timeout | fall "
-            "| success time [s] | still there |\n"
-            "| --- | --- | --- | --- | --- | --- | --- | --- |\n")
+    ours = (
+        "| goals σ | noise | planner | success [95 % interval] | timeout | fall "
+        "| success time [s] | still there |\n"
+        "| --- | --- | --- | --- | --- | --- | --- | --- |\n"
+    )
     once = quotients = ""
     for row in rows:
         which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
         low, high = row["success_ci95"]
         time = mean_and_std(row, "time")
         still = "none" if row["still_there"] is None else f"{row['still_there']:.3f}"
-        ours += (f"| {goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
-                 f"| {row['timeout']:.3f} | {row['fall']:.3f} | {time} | {still} |\n")
+        ours += (
+            f"| {goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
+            f"| {row['timeout']:.3f} | {row['fall']:.3f} | {time} | {still} |\n"
+        )
         known = PAPER.get((row["planner"], row["noise"]))
         if known and row["goal_std_m"] == env.Task.goal_std_m:
             time = mean_and_std(row, "time_once")
-            once += (f"| {which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
-                     f"| {row['fall_once']:.3f} | {time} |\n"
-                     f"| {which} | paper | {known} |\n")
+            once += (
+                f"| {which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
+                f"| {row['fall_once']:.3f} | {time} |\n"
+                f"| {which} | paper | {known} |\n"
+            )
     for row in ratios:
         if row["planner"] == "policy":
             low, high = row["time_ratio_ci95"]
-            quotients += (f"| {goals_of(row)} | {'yes' if row['noise'] else 'no'} "
-                          f"| {row['reference']} "
-                          f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
-                          f"| {row['median']:.3f} | {row['slower']:.3f} "
-                          f"| {row['over_optimum']:.2f} | {row['goals']} |\n")
+            quotients += (
+                f"| {goals_of(row)} | {'yes' if row['noise'] else 'no'} "
+                f"| {row['reference']} "
+                f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
+                f"| {row['median']:.3f} | {row['slower']:.3f} "
+                f"| {row['over_optimum']:.2f} | {row['goals']} |\n"
+            )
     if once:
-        ours += ("\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n"
-                 "\n| noise | planner | source | success | timeout | fall | time [s] |\n"
-                 "| --- | --- | --- | --- | --- | --- | --- |\n" + once)
+        ours += (
+            "\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n"
+            "\n| noise | planner | source | success | timeout | fall | time [s] |\n"
+            "| --- | --- | --- | --- | --- | --- | --- |\n" + once
+        )
     if quotients:
-        ours += ("\nMean success time of policy ÷ that of another planner, over goals both reached,"
-                 "\nand ÷ the least time that the step limits allow:\n\n"
-                 "| goals σ | noise | other | ratio | median | slower | ÷ least | common goals |\n"
-                 "| --- | --- | --- | --- | --- | --- | --- | --- |\n" + quotients)
+        ours += (
+            "\nMean success time of policy ÷ that of another planner, over goals both reached,"
+            "\nand ÷ the least time that the step limits allow:\n\n"
+            "| goals σ | noise | other | ratio | median | slower | ÷ least | common goals |\n"
+            "| --- | --- | --- | --- | --- | --- | --- | --- |\n" + quotients
+        )
     return ours
+
 
 def goals_of(row):
     """σ of the goals as a text."""
     return f"{row['goal_std_m']} m" if row["goal_std_m"] else "own"
 
+
 # ------------------------------------------------------------------------ files
 MOST = 10**4  # [trials] in a block: they take 5 GB of memory
+
 
 def read_trials(path, seed, friction):
     """The Trials of a CSV file with columns x, y [m], yaw [rad]: line i is trial i of this seed.
@@ -546,42 +633,67 @@ def read_trials(path, seed, friction):
     """
     try:
         with warnings.catch_warnings(action="ignore"):  # about an empty file: refused below
-            rows = np.genfromtxt(path, delimiter=",", names=True, case_sensitive="lower",
-                                 encoding="utf-8-sig", ndmin=1)
+            rows = np.genfromtxt(
+                path,
+                delimiter=",",
+                names=True,
+                case_sensitive="lower",
+                encoding="utf-8-sig",
+                ndmin=1,
+            )
         keys = []
         for number, row in enumerate(rows):
             known = {"seed": seed, "trial": number, "mu": math.nan}
             known |= zip(rows.dtype.names, row)
             keys.append(tuple(known[name] for name in ("x", "y", "yaw", "seed", "trial", "mu")))
         keys = np.array([*dict.fromkeys(keys)])  # [n, 6] each once, in their order
-        if (not 0 < len(keys) <= MOST or not np.isfinite(keys[:, :5]).all()
-                or (keys[:, 3:] < 0).any()):
+        if (
+            not 0 < len(keys) <= MOST
+            or not np.isfinite(keys[:, :5]).all()
+            or (keys[:, 3:] < 0).any()
+        ):
             raise ValueError(f"from 1 to {MOST} lines; seed, trial and mu not below 0")
     except (OSError, ValueError, LookupError) as error:
-        raise ppo.PolicyError(f"{path}: needs columns x, y, yaw and finite numbers below them "
-                              f"({error})") from error
+        raise ppo.PolicyError(
+            f"{path}: needs columns x, y, yaw and finite numbers below them ({error})"
+        ) from error
     x, y, yaw, seed, trial, mu = keys.T
     goals = np.column_stack([x, y, env.wrap(yaw)])
     mu = np.where(np.isnan(friction), mu, friction)
     return Trials(goals, seed.astype(int), trial.astype(int), mu)
 
+
 def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
-    lines = ["planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
-             "reached_once,time_once"]
+    lines = [
+        "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
+        "reached_once,time_once"
+    ]
     for (planner, noise, std), ended in results.items():
         trials = blocks[std]
         columns = [
-            trials.seed, trials.number, *trials.goals.T, ended["friction"], ended["outcome"],
-            ended["time"].round(2), ended["steps"], words(ended["still_there"]),
-            words(ended["reached_once"]), ended["time_once"].round(2)]
-        lines += [",".join(map(str, [planner, words(noise), std or "", *cells]))
-                  for cells in zip(*columns)]
+            trials.seed,
+            trials.number,
+            *trials.goals.T,
+            ended["friction"],
+            ended["outcome"],
+            ended["time"].round(2),
+            ended["steps"],
+            words(ended["still_there"]),
+            words(ended["reached_once"]),
+            ended["time_once"].round(2),
+        ]
+        lines += [
+            ",".join(map(str, [planner, words(noise), std or "", *cells]))
+            for cells in zip(*columns)
+        ]
     write_text(path, "\n".join(lines) + "\n")
+
 
 def words(truth):
     """yes or no, for a bool or many."""
     return np.where(truth, "yes", "no")
+
 
 def load_policy(path, sim):
     """The planner of a policy.pt, and what evaluation.json says of it; or a PolicyError."""
@@ -594,6 +706,7 @@ def load_policy(path, sim):
     facts = {key: meta.get(key) for key in ("imu", "steps", "minutes", "seed")}
     return PolicyPlanner(model, imu), {"file": path.as_posix(), **facts}
 
+
 def load_planner(path):
     """The planner in a file of your own. Errors in it show their own traceback."""
     if not path.is_file():
@@ -604,14 +717,17 @@ def load_planner(path):
         raise ppo.PolicyError(f"{path}: defines no class Planner")
     return names["Planner"]()
 
+
 def find(sim):
     """runs/<sim>/policy.pt if you made one, else the shipped results/<sim>/policy.pt."""
     for folder in ("runs", "results"):
         path = Path(folder, sim, "policy.pt")
         if path.is_file():
             return path
-    raise ppo.PolicyError(f"{path}: no such file; run stage 5 where the stages are, or name one "
-                          "by --policy")
+    raise ppo.PolicyError(
+        f"{path}: no such file; run stage 5 where the stages are, or name one by --policy"
+    )
+
 
 def choose_planners(sim, policies=(), planners=()):
     """Planners by row name, and the facts of the first policy; files of policies and planners.
@@ -635,6 +751,7 @@ def choose_planners(sim, policies=(), planners=()):
             print(f"{name}: {path}, {about['steps']} double steps, seed {about['seed']}")
     return chosen | baselines, facts
 
+
 # ------------------------------------------------------------------------ command line
 def run(world, blocks, planners, shown, facts, args, out):
     """Every planner in every block of Trials, with --noise once more; then the files.
@@ -650,9 +767,16 @@ def run(world, blocks, planners, shown, facts, args, out):
     ratios = compare(results)
     text = table(rows, ratios)
     print(text)
-    content = {"sim": args.sim, "policy": facts, "seed": args.seed, "goals": args.goals or "drawn",
-               "friction": "drawn" if math.isnan(args.friction) else args.friction,
-               "push": args.push, "rows": rows, "ratios": ratios}
+    content = {
+        "sim": args.sim,
+        "policy": facts,
+        "seed": args.seed,
+        "goals": args.goals or "drawn",
+        "friction": "drawn" if math.isnan(args.friction) else args.friction,
+        "push": args.push,
+        "rows": rows,
+        "ratios": ratios,
+    }
     write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
@@ -661,8 +785,10 @@ def run(world, blocks, planners, shown, facts, args, out):
     trials.goals = FIGURE_GOALS
     if own := blocks.get(None):  # the first goals of your own
         trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
-    walks = {name: [*record(planners[name], world, trials)]
-             for name in ("baseline", "baseline_tuned", shown)}
+    walks = {
+        name: [*record(planners[name], world, trials)]
+        for name in ("baseline", "baseline_tuned", shown)
+    }
     plot_footsteps(walks, out / "footsteps.png")
     if args.gif:  # a minute each
         race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
@@ -671,15 +797,20 @@ def run(world, blocks, planners, shown, facts, args, out):
         start, tenth = (last.with_name(f"policy.{when}.pt") for when in ("start", "tenth"))
         stages = {"before training": start, "after a tenth of it": tenth, "at the end": last}
         if start.is_file() and tenth.is_file():
-            race = {name: next(record(load_policy(path, args.sim)[0], world, trials))
-                    for name, path in stages.items()}
+            race = {
+                name: next(record(load_policy(path, args.sim)[0], world, trials))
+                for name, path in stages.items()
+            }
             plot_race(race, out / "learning.gif", every=20)
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
+
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system."""
     robot_model.atomic_write(
-        path, lambda file: file.write_text(text, encoding="utf-8", newline="\n"))
+        path, lambda file: file.write_text(text, encoding="utf-8", newline="\n")
+    )
+
 
 def main(argv=None):
     parser = robot_model.StageParser(__doc__)
@@ -690,8 +821,13 @@ def main(argv=None):
     which.add_argument("--goals", help="a CSV file: x, y [m], yaw [rad]")
     add("--episodes", type=robot_model.whole, default=500, help="how many goals (500)")
     add("--friction", type=float, default=math.nan, help="μ of the ground, for all; else drawn")
-    add("--push", type=float, default=0.0, metavar="DV",
-        help="pushes by DV m/s, every 3 s on average")
+    add(
+        "--push",
+        type=float,
+        default=0.0,
+        metavar="DV",
+        help="pushes by DV m/s, every 3 s on average",
+    )
     add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     add("--planner", type=Path, nargs="+", default=[], help="files of your own")
     add("--gif", action="store_true", help="also draw two films")
@@ -721,6 +857,7 @@ def main(argv=None):
         world.close()
     except ppo.PolicyError as error:
         parser.error(str(error))
+
 
 if __name__ == "__main__":
     robot_model.run(main)

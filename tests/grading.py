@@ -22,8 +22,10 @@ from workbook import BOOK, graded_by  # tests/exercises/workbook.py
 ROOT = Path(__file__).resolve().parents[1]
 PATIENCE = 60  # [s] for the first test that does not end; the next ones get a sixth of it
 
+
 def pytest_addoption(parser):
     parser.addoption("--stages", metavar="FOLDER", help="grade the exercises in this folder")
+
 
 def pytest_configure(config):
     given = config.getoption("stages")
@@ -38,6 +40,7 @@ def pytest_configure(config):
     sys.path.insert(0, str(folder))  # before the folders of .pytest.ini
     sys.dont_write_bytecode = True  # no __pycache__ among a student's files
     config.pluginmanager.register(Grading(config, folder))
+
 
 class Grading:
     """Runs the tests of the chosen exercises and nothing else, and says at last what to mend."""
@@ -69,8 +72,11 @@ class Grading:
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config, items):
         for item in items:
-            item.exercises = [name for name in self.here
-                              if graded_by(BOOK[name], item.path.stem, item.originalname)]
+            item.exercises = [
+                name
+                for name in self.here
+                if graded_by(BOOK[name], item.path.stem, item.originalname)
+            ]
         config.hook.pytest_deselected(items=[item for item in items if not item.exercises])
         items[:] = [item for item in items if item.exercises]
 
@@ -109,8 +115,9 @@ class Grading:
     def pytest_terminal_summary(self, terminalreporter):
         write, stars, solved = terminalreporter.write_line, 0, 0
         if self.keyword and not any(self.results.values()):
-            write(f"-k {self.keyword}: no exercise is called like that. There are: "
-                  f"{', '.join(BOOK)}")
+            write(
+                f"-k {self.keyword}: no exercise is called like that. There are: {', '.join(BOOK)}"
+            )
             return
         terminalreporter.section(f"what to mend in {self.folder.name}")
         for name, results in self.results.items():
@@ -130,13 +137,21 @@ class Grading:
                     write(f"  - {text}")
                 write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
         total = sum(BOOK[name].stars for name in self.results)
-        write(f"{self.folder.name}: {solved} of {len(self.results)} exercises solved, "
-              f"{stars} of {total} stars")
+        write(
+            f"{self.folder.name}: {solved} of {len(self.results)} exercises solved, "
+            f"{stars} of {total} stars"
+        )
+
 
 # What numpy and pytest write about the numbers that differ: where (or nothing), got, expected.
-NUMBERS = (r"^ \[([\d, ]+)\]: (.*) \(ACTUAL\), (.*) \(DESIRED\)$",
-           r"^\(shapes (\(.*\)), (\(.*\)) mismatch\)$", r"^ ACTUAL: (.*)\n DESIRED: (.*)$",
-           r"^ +Obtained: (.*)\n +Expected: (.*?)(?: ±.*)?$", r"^ +(\d+) +\| (.*?) +\| (.*?) *$")
+NUMBERS = (
+    r"^ \[([\d, ]+)\]: (.*) \(ACTUAL\), (.*) \(DESIRED\)$",
+    r"^\(shapes (\(.*\)), (\(.*\)) mismatch\)$",
+    r"^ ACTUAL: (.*)\n DESIRED: (.*)$",
+    r"^ +Obtained: (.*)\n +Expected: (.*?)(?: ±.*)?$",
+    r"^ +(\d+) +\| (.*?) +\| (.*?) *$",
+)
+
 
 def hint(report):
     """What a failing test says, in a few words: its author's message, if there is one."""

@@ -20,11 +20,13 @@ TASK = env.Task()
 ROBOT = robot_model.RobotModel()
 GAMMA = import_module("04_ppo").PPOConfig().gamma
 
+
 @pytest.fixture
 def make():
     """make(kind, ...): an environment or a world, closed after the test."""
     with ExitStack() as stack:
         yield lambda kind, *args, **more: stack.enter_context(closing(kind(*args, **more)))
+
 
 def motion(poses, fell):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says."""
@@ -33,6 +35,7 @@ def motion(poses, fell):
     torso[:, 0, [0, 1, 5]] = poses
     torso[:, 0, 2] = 0.38
     return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell))
+
 
 @BOTH
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
@@ -47,8 +50,12 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
     assert (one.render() != before).any(-1).mean() > 0.02, "the robot has moved, the camera too"
     one.close()
 
-@pytest.mark.parametrize("mode, more", [
-    ("sync", {"sim": "mujoco"}), ("async", {}), ("vector_entry_point", {"cores": 1})], ids=str)
+
+@pytest.mark.parametrize(
+    "mode, more",
+    [("sync", {"sim": "mujoco"}), ("async", {}), ("vector_entry_point", {"cores": 1})],
+    ids=str,
+)
 def test_gymnasium_can_make_vectors(make, mode, more):
     own = make(env.FootstepVectorEnv, 2, more.get("sim", "pymunk"), cores=1)
     envs = make(partial(gym.make_vec, "Footsteps-v0", 2, mode, **more))
@@ -59,6 +66,7 @@ def test_gymnasium_can_make_vectors(make, mode, more):
     equal(own.reset(seed=4)[0], first, err_msg="the same seed, the same episode")
     distances = [seen[:, 0] for seen in (first, own.reset()[0], own.reset()[0])]
     assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
+
 
 @BOTH
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
@@ -90,6 +98,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
             equal(got[i], last, err_msg="all is drawn by the robot's own generator, equally often")
     assert {*fell} == {True, False}, "the test should see resets after falls and after time-outs"
 
+
 @BOTH
 def test_some_robots_walk_while_the_others_wait(make, sim):
     some, robots, waiting = np.array([3, 1]), np.arange(4), [0, 2]
@@ -104,6 +113,7 @@ def test_some_robots_walk_while_the_others_wait(make, sim):
             equal(getattr(one, name)[some], getattr(other, name)[some])
     assert not one.pose[waiting].any() and not one.steps[waiting].any(), "the others must not move"
 
+
 def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     envs = make(env.FootstepVectorEnv, 3, cores=1)
     goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
@@ -115,24 +125,40 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     for found in (terminated, infos["_final_obs"], infos["_final_info"]):
         equal(found, [True, False, True], err_msg="one arrives, one walks on, one falls")
     old, ended = env.encode_goal(robot_model.relative(poses, goals)), [0, 2]
-    close(infos["final_obs"][ended, :8], old[ended], atol=1e-6, err_msg=(
-        "final_obs is the LAST observation of the old episode"))
-    close(obs[ended, 8:], np.tile(2 * envs.neutral_action - 1, (2, 2)), atol=1e-6, err_msg=(
-        "obs is the FIRST of the new one: nothing done yet"))
+    close(
+        infos["final_obs"][ended, :8],
+        old[ended],
+        atol=1e-6,
+        err_msg=("final_obs is the LAST observation of the old episode"),
+    )
+    close(
+        obs[ended, 8:],
+        np.tile(2 * envs.neutral_action - 1, (2, 2)),
+        atol=1e-6,
+        err_msg=("obs is the FIRST of the new one: nothing done yet"),
+    )
     assert (np.abs(obs[ended, :8] - old[ended]).max(1) > 0.01).all(), "a new goal is expected"
     close(obs[1, :8], old[1], atol=1e-6, err_msg="this one walks on")
     equal(envs.world.steps, [0, 2, 0])
+
 
 def test_goal_is_encoded_as_in_the_table():
     d, beta, alpha = 0.3, math.radians(120), math.radians(-45)
     goal = np.array([d * math.cos(beta), d * math.sin(beta), alpha])
     want = [0.3, -0.3, 0.5196152, -0.5, 0.8660254, 0.7071068, -0.7071068, -0.25]
-    close(env.encode_goal(goal), want, atol=1e-6, err_msg=(
-        "d, 2d·cos β, 2d·sin β, cos β, sin β, cos α, sin α, α/π; α is not β "
-        "(for 0.3 m, β = 120°, α = −45°)"))
+    close(
+        env.encode_goal(goal),
+        want,
+        atol=1e-6,
+        err_msg=(
+            "d, 2d·cos β, 2d·sin β, cos β, sin β, cos α, sin α, α/π; α is not β "
+            "(for 0.3 m, β = 120°, α = −45°)"
+        ),
+    )
     far = env.encode_goal(np.broadcast_to([4.0, -3.0, math.pi * 1.5], 3))
     close(far[:3], [2, 1, -1], err_msg="clipped: 2 m and ±1 (for a goal at (4, −3))")
     assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
+
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
 def test_many_goals_are_encoded_each_by_itself(shape):
@@ -142,10 +168,12 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     alone = [env.encode_goal(goal) for goal in goals.reshape(-1, 3)]
     close(encoded.reshape(-1, 8), alone, atol=1e-9, err_msg=f"goals of {shape} must not mix")
 
+
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
-    plain, more = (make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1, imu=imu)
-                   for imu in (False, True))
+    plain, more = (
+        make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1, imu=imu) for imu in (False, True)
+    )
     seen, _ = plain.reset(seed=0)
     assert seen.shape == (3, 20), "the IMU is observed only when it is asked for"
     equal(more.reset(seed=0)[0][:, :20], seen)
@@ -162,8 +190,15 @@ def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
     close(more[:, 20:], tilt, atol=1e-5, err_msg="that of the LAST tick of the double step")
     world.tilt[1] = 0.1, -0.2, 1.0, -20.0, 3.0
     got = world.observe(robots, goals)[1, 20:]
-    close(got, [0.4, -0.8, 1.0, -10.0, 3.0], atol=1e-6, err_msg=(
-        "roll, pitch in quarters of a radian, then the angular velocity x, y, z, clipped at 10"))
+    close(
+        got,
+        [0.4, -0.8, 1.0, -10.0, 3.0],
+        atol=1e-6,
+        err_msg=(
+            "roll, pitch in quarters of a radian, then the angular velocity x, y, z, clipped at 10"
+        ),
+    )
+
 
 def test_the_last_two_actions_are_observed(make):
     one = make(env.FootstepEnv)
@@ -177,8 +212,12 @@ def test_the_last_two_actions_are_observed(make):
         seen = one.step([much] * 6)[0][8:14]
         close(seen, np.sign(much), atol=1e-6, err_msg="as it was asked for, clipped to [0, 1]")
 
-SHARES = ("0 is low, 1 is high, 0.5 their middle, for both feet, outward positive; first the left "
-          "foot's x, y, yaw, then the right foot's")
+
+SHARES = (
+    "0 is low, 1 is high, 0.5 their middle, for both feet, outward positive; first the left "
+    "foot's x, y, yaw, then the right foot's"
+)
+
 
 @BOTH
 def test_actions_and_footsteps_are_inverse(sim):
@@ -194,21 +233,31 @@ def test_actions_and_footsteps_are_inverse(sim):
     action = env.to_action(drawn, limits)
     assert action.shape == (1000, 6), "footsteps [..., 2, 3] -> actions [..., 6]"
     assert action.min() >= 0 and action.max() <= 1, "to_action: the low limit is 0, the high one 1"
-    close(env.to_footsteps(action, limits), drawn, atol=1e-6, err_msg=(
-        "to_action is the inverse: what is within the limits is walked as asked for"))
+    close(
+        env.to_footsteps(action, limits),
+        drawn,
+        atol=1e-6,
+        err_msg=("to_action is the inverse: what is within the limits is walked as asked for"),
+    )
     some = action[:6].reshape(2, 3, 6)
     assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"
     neutral = env.to_action(np.broadcast_to(0.0, (2, 3)), limits)
-    close(env.to_footsteps(neutral, limits), 0, atol=1e-6, err_msg=(
-        "the neutral action steps on the spot; the middle, 0.5, does not"))
+    close(
+        env.to_footsteps(neutral, limits),
+        0,
+        atol=1e-6,
+        err_msg=("the neutral action steps on the spot; the middle, 0.5, does not"),
+    )
     for step, want in (9.0, 1), (-9.0, 0):
         close(env.to_action(np.full((2, 3), step), limits), want, err_msg="clipped to [0, 1]")
+
 
 def sole_corners(feet, side):
     """The four corners [..., 4, 2] of soles; feet [..., 3] (x, y, yaw) of ankles, side +1: left."""
     x = np.array([-ROBOT.foot_back, ROBOT.foot_front, ROBOT.foot_front, -ROBOT.foot_back])
     y = side * (np.array([-1, -1, 1, 1]) * ROBOT.foot_width / 2 + ROBOT.foot_outward)
     return robot_model.compose(feet[..., None, :], np.stack([x, y, 0 * x], -1))[..., :2]
+
 
 def gap(feet):
     """Distance [...] of the soles of feet [..., 2, 3] along the best axis; negative: overlap."""
@@ -222,6 +271,7 @@ def gap(feet):
         best = np.maximum(best, np.maximum(a.min(-1) - b.max(-1), b.min(-1) - a.max(-1)))
     return best
 
+
 @BOTH
 @pytest.mark.parametrize("often", [8, pytest.param(64, marks=pytest.mark.slow)])
 def test_soles_never_touch_within_the_limits(sim, often):
@@ -229,8 +279,10 @@ def test_soles_never_touch_within_the_limits(sim, often):
     ends = np.array(list(itertools.product(*zip(limits.low, limits.high))))  # [8, 3]
     worst = np.array(list(itertools.product(ends, ends)))  # [64, 2, 3] left, right
     inside = rng.uniform(limits.low, limits.high, (2, 500, 2, 3))
-    plans = [np.concatenate([worst.repeat(often, 0), inside[0]]),
-             np.concatenate([np.tile(rng.permutation(worst), (often, 1, 1)), inside[1]])]
+    plans = [
+        np.concatenate([worst.repeat(often, 0), inside[0]]),
+        np.concatenate([np.tile(rng.permutation(worst), (often, 1, 1)), inside[1]]),
+    ]
     engine = walk_engine.WalkEngine(len(plans[0]), walk_engine.TUNED[sim], planar=sim == "pymunk")
     for footsteps in plans:
         _, feet = engine.plan(footsteps, np.arange(len(footsteps)))  # [N, T + 1, 2, 4]
@@ -241,13 +293,15 @@ def test_soles_never_touch_within_the_limits(sim, often):
         touching = ((apart < 0) & (above < 0)).any(1)
         assert not touching.any(), (
             f"{touching.sum()} of {len(touching)} double steps: one sole swings through the "
-            f"other one, {footsteps[touching][:1]}")
+            f"other one, {footsteps[touching][:1]}"
+        )
         if sim == "mujoco":  # where feet collide: leave room, too
             room = np.hypot(np.maximum(apart, 0), np.maximum(above, 0)).min()
             assert room > 0.008, f"{1000 * room:.0f} mm"
     beyond = np.tile([0.0, -0.15, 0.3], (1, 2, 1))
     _, feet = engine.plan(beyond, [0])
     assert gap(feet[0, -1][:, [0, 1, 3]]) < 0, "beyond the limits the test should see an overlap"
+
 
 @pytest.mark.parametrize("name, shape", [("actions", (2, 6)), ("goals", (2, 3))])
 def test_wrong_numbers_are_refused_and_change_nothing(make, name, shape):
@@ -271,36 +325,51 @@ def test_wrong_numbers_are_refused_and_change_nothing(make, name, shape):
         equal(got[1], want[1])
         equal(one.reset()[0], untouched.reset()[0])
 
+
 def potentials(goal, task=TASK):
     """The three quantities Φ of one goal (x, y, α) that a reward pays the changes of."""
     x, y, alpha = (float(v) for v in goal)
     d, beta = math.hypot(x, y), math.atan2(y, x)
     alpha = math.atan2(math.sin(alpha), math.cos(alpha))  # wrapped
     near = math.exp(-((d / task.near_m) ** 2))
-    return {"r_d": -task.s_d * d, "r_a": -task.s_a * abs(alpha) * near,
-            "r_o": -task.s_o * abs(beta) * (1 - near)}
+    return {
+        "r_d": -task.s_d * d,
+        "r_a": -task.s_a * abs(alpha) * near,
+        "r_o": -task.s_o * abs(beta) * (1 - near),
+    }
+
 
 def by_hand(before, after, action, last, fall, success, task=TASK):
     """All seven terms of one robot, with nothing but `math`."""
     old, new = potentials(before, task), potentials(after, task)
     jumps = [(action[k] - last[k]) ** 2 for k in range(6)]
-    return {**{name: new[name] - old[name] for name in old}, "r_c": -task.s_c * sum(jumps),
-            "r_fall": -task.s_fall if fall else 0.0, "r_goal": task.s_goal if success else 0.0,
-            "r_time": -task.s_time}
+    return {
+        **{name: new[name] - old[name] for name in old},
+        "r_c": -task.s_c * sum(jumps),
+        "r_fall": -task.s_fall if fall else 0.0,
+        "r_goal": task.s_goal if success else 0.0,
+        "r_time": -task.s_time,
+    }
+
 
 NEAR = "near(d) = exp(−(d / 0.4 m)²)"
-FORMULAS = {"r_d": "progress: d before − d after",
-            "r_a": "|α|·near(d) − |α′|·near(d′), both signs are alike, " + NEAR,
-            "r_o": "|β|·far(d) − |β′|·far(d′), far(d) = 1 − near(d), " + NEAR,
-            "r_c": "−Σ (action − last action)² over all six numbers",
-            "r_fall": "a fall costs s_fall", "r_goal": "a success pays s_goal",
-            "r_time": "every double step costs s_time"}
+FORMULAS = {
+    "r_d": "progress: d before − d after",
+    "r_a": "|α|·near(d) − |α′|·near(d′), both signs are alike, " + NEAR,
+    "r_o": "|β|·far(d) − |β′|·far(d′), far(d) = 1 − near(d), " + NEAR,
+    "r_c": "−Σ (action − last action)² over all six numbers",
+    "r_fall": "a fall costs s_fall",
+    "r_goal": "a success pays s_goal",
+    "r_time": "every double step costs s_time",
+}
 
 STATED = env.Task(near_m=0.4, s_d=1, s_a=0.3, s_o=0.1, s_c=0.1, s_fall=10, s_goal=1.5, s_time=0.04)
 OTHER = env.Task(near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5)
 
+
 def test_the_scalars_of_the_reward_are_those_of_the_ledger():
     assert TASK == STATED
+
 
 @pytest.mark.parametrize("task", [TASK, OTHER], ids=["task", "another task"])
 def test_reward_formulas_of_every_robot_are_those_by_hand(task):
@@ -312,14 +381,17 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
     got = env.reward_terms(before, after, action, last, fall, success, task)
     for name, values in got.items():
         assert np.shape(values) == (n,), (
-            f"{name}: [n], sums go over the action's axis only, .sum(-1) (got {np.shape(values)})")
+            f"{name}: [n], sums go over the action's axis only, .sum(-1) (got {np.shape(values)})"
+        )
     for i in range(n):
         want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i], task)
         assert got.keys() == want.keys()
         for name in want:
             assert got[name][i] == pytest.approx(want[name], abs=1e-12), (
                 f"{name} of robot {i}: the sign, the scalar of this task, an angle that is not "
-                f"wrapped, or another robot's numbers? {FORMULAS[name]}")
+                f"wrapped, or another robot's numbers? {FORMULAS[name]}"
+            )
+
 
 @BOTH
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
@@ -338,7 +410,9 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
             for name, value in want.items():
                 assert result["reward_terms"][name][i] == pytest.approx(value, abs=1e-9), (
                     f"{name} of robot {i}: seen from the robot before and after this double step; "
-                    "were the two exchanged, or was a noisy, an old or another goal taken?")
+                    "were the two exchanged, or was a noisy, an old or another goal taken?"
+                )
+
 
 def test_reward_is_the_sum_of_its_terms_whatever_is_done(make):
     envs, rng = make(env.FootstepVectorEnv, 8, noise=True, cores=1), np.random.default_rng(1)
@@ -349,6 +423,7 @@ def test_reward_is_the_sum_of_its_terms_whatever_is_done(make):
         assert list(parts) == ["r_d", "r_a", "r_o", "r_c", "r_fall", "r_goal", "r_time"]
         close(reward, np.sum(list(parts.values()), 0), atol=1e-12)
         equal(terminated, (parts["r_fall"] < 0) | (parts["r_goal"] > 0))
+
 
 def test_going_in_circles_pays_nothing():
     rng, n = np.random.default_rng(4), 5
@@ -361,6 +436,7 @@ def test_going_in_circles_pays_nothing():
         total += sum(value for name, value in parts.items() if name != "r_time")
     close(total, 0, atol=1e-9, err_msg="terms must pay for progress, and take it back")
 
+
 @pytest.mark.parametrize("name", ["r_d", "r_a", "r_o"])
 def test_discounted_progress_telescopes(name):
     # Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},  t = 0 … T − 1
@@ -370,13 +446,16 @@ def test_discounted_progress_telescopes(name):
     parts = env.reward_terms(path[:-1], path[1:], still, still, never, never, TASK)
     paid, waiting = factors @ parts[name], (1 - GAMMA) * factors @ phi[1:]
     assert paid == pytest.approx(GAMMA**20 * phi[-1] - phi[0] + waiting, abs=1e-9), (
-        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}")
+        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}"
+    )
+
 
 def straight_walk(goal, stop=0.0):
     """Goals seen from a robot on its way to `stop` [m] before the goal: 0.15 m or 0.3 rad each."""
     d, alpha, beta = env.polar(np.array(goal, float))
     count = math.ceil(d / 0.15 + (abs(alpha) + abs(beta)) / 0.3)
     return np.linspace(1, stop / d, count + 1)[:, None] * [*goal[:2], alpha]
+
 
 def discounted(poses, steps=0, fall=False, success=False):
     """Return Σ γᵗ·r_t of a path that then waits until `steps` double steps are over."""
@@ -385,6 +464,7 @@ def discounted(poses, steps=0, fall=False, success=False):
     still, last = np.zeros((len(t), 6)), t == t[-1]
     paid = env.reward_terms(poses[:-1], poses[1:], still, still, fall & last, success & last, TASK)
     return GAMMA**t @ sum(paid.values())
+
 
 def test_returns_rank_walking_before_standing_before_falling():
     period = walk_engine.WalkEngine(1, walk_engine.TUNED["mujoco"]).period
@@ -399,6 +479,7 @@ def test_returns_rank_walking_before_standing_before_falling():
         assert stood > fell + 0.1, f"{goal}: standing {stood:.2f}, falling at once {fell:.2f}"
         assert walked > loitered + 0.1, f"{goal}: {walked:.2f}, waiting next to it {loitered:.2f}"
 
+
 def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     goals = env.draw_goals(env.stream("evaluation", 0), 5000)
     close(goals.mean(0), 0, atol=0.08)
@@ -408,6 +489,7 @@ def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
     assert 0.64 < share < 0.73, f"{share:.2f} of the goals turn by less than 90°"
     seven = env.draw_goals(env.stream("evaluation", 0), 7)
     equal(seven, goals[:7], err_msg="draw [count, 3], goal after goal")
+
 
 def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
     world, goals = make(env.FootstepWorld, 1), []
@@ -421,18 +503,25 @@ def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
         # x, y ~ N(0, σ) lie within r with 1 − exp(−r² / 2σ²); half have σ = 0.5 m, half 1 m
         want = np.mean([1 - math.exp(-((radius / std) ** 2) / 2) for std in (0.5, 1.0)])
         assert np.mean(d < radius) == pytest.approx(want, abs=0.04), (
-            f"share of the goals within {radius} m. All with one spread, or not half and half?")
+            f"share of the goals within {radius} m. All with one spread, or not half and half?"
+        )
+
 
 def test_streams_are_separate_and_repeatable():
     numbers = [(), (0,), (1,), (2,), (0, 0), (0, 1), (1, 0), (0, 0, 0)]
-    drawn = {(name, seed, *more): env.stream(name, seed, *more).normal(size=4)
-             for name in ("training", "tuning", "evaluation") for seed in (0, 1)
-             for more in numbers}
+    drawn = {
+        (name, seed, *more): env.stream(name, seed, *more).normal(size=4)
+        for name in ("training", "tuning", "evaluation")
+        for seed in (0, 1)
+        for more in numbers
+    }
     for one, other in itertools.combinations(drawn, 2):
         assert not np.allclose(drawn[one], drawn[other]), (
-            f"stream{one} is stream{other}: to numpy (0, 0) is (0), zeros at the end vanish")
+            f"stream{one} is stream{other}: to numpy (0, 0) is (0), zeros at the end vanish"
+        )
     for key, values in drawn.items():
         equal(env.stream(*key).normal(size=4), values)
+
 
 @pytest.mark.parametrize("sense, std", [("goal", [0.05] * 3), ("IMU", [0.02] * 2 + [0.1] * 3)])
 def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
@@ -460,18 +549,31 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
     close(noisy.relative_goal([0]), goal, atol=1e-12, err_msg="the true goal stays true")
     equal(noisy.tilt, exact.tilt, err_msg="the true tilt stays true")
 
+
 DRIFT, NOISE = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.1, 0.1])
+
 
 def test_estimate_predict_by_hand():
     goal, before = np.array([[2.4, 0, 0.5], [1.3, 0.1, 0.5]]), np.array([[0.01, 0.02, 0.03]] * 2)
     motion = np.array([[0.4, 0, 0], [0.3, 0.1, math.pi / 2]])
     got, variance = env.predict(goal, before, motion, DRIFT)
-    close(got, [[2.0, 0, 0.5], [0, -1.0, 0.5 - math.pi / 2]], atol=1e-12, err_msg=(
-        "the goal seen from the new pose: who turns left sees it turn right; `relative`"))
+    close(
+        got,
+        [[2.0, 0, 0.5], [0, -1.0, 0.5 - math.pi / 2]],
+        atol=1e-12,
+        err_msg=("the goal seen from the new pose: who turns left sees it turn right; `relative`"),
+    )
     # drift² = 0.01, 0.04, 0.25; lever: (y·0.5)² to x, (x·0.5)² to y
-    close(variance, [[0.02, 0.06 + 1.0, 0.28], [0.02 + 0.25, 0.06, 0.28]], atol=1e-12, err_msg=(
-        "V + drift² + lever: an unplanned turn by e moves a goal at x ahead by e·x to the SIDE; x "
-        "is that after the double step"))
+    close(
+        variance,
+        [[0.02, 0.06 + 1.0, 0.28], [0.02 + 0.25, 0.06, 0.28]],
+        atol=1e-12,
+        err_msg=(
+            "V + drift² + lever: an unplanned turn by e moves a goal at x ahead by e·x to the SIDE; x "
+            "is that after the double step"
+        ),
+    )
+
 
 def test_estimate_correct_by_hand():
     variance = np.array([[0.03, 0.01, 0.03], [1e6] * 3])  # K = 0.75, 0.5, 0.75; and 1
@@ -479,10 +581,17 @@ def test_estimate_correct_by_hand():
     goal.flags.writeable = variance.flags.writeable = measured.flags.writeable = False
     got, after = env.correct(goal, variance, measured, NOISE)
     around = 3.1 + 0.75 * (2 * math.pi - 6.2) - 2 * math.pi
-    close(got, [[1.75, 1.5, around], [1, 2, 3]], atol=1e-6, err_msg=(
-        "goal + K·(measured − goal), K = V / (V + noise²); from 3.1 to −3.1 rad it is a small way, "
-        "over π; and with nothing known before, the measurement counts alone"))
+    close(
+        got,
+        [[1.75, 1.5, around], [1, 2, 3]],
+        atol=1e-6,
+        err_msg=(
+            "goal + K·(measured − goal), K = V / (V + noise²); from 3.1 to −3.1 rad it is a small way, "
+            "over π; and with nothing known before, the measurement counts alone"
+        ),
+    )
     close(after, [[0.0075, 0.005, 0.0075], [0.01] * 3], rtol=1e-6, err_msg="(1 − K)·V = K·noise²")
+
 
 def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
     seen, still = np.random.default_rng(0).normal(size=(20, 4, 3)), np.zeros((4, 3))
@@ -492,6 +601,7 @@ def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
         goal, variance = env.correct(goal, variance, measured, NOISE)
         close(goal[:, :2], seen[:n, :, :2].mean(0), atol=1e-6, err_msg=f"after {n} measurements")
         close(variance, 0.01 / n, rtol=1e-6, err_msg="the variance of a mean is noise² / n")
+
 
 @BOTH
 def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, monkeypatch, sim):
@@ -510,8 +620,12 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
     for _ in range(6):
         world.estimate[:], world.variance[:] = world.relative_goal(envs.robots), 1e-20
         world.step(rng.random((3, 6)), envs.robots)
-        close(world.estimate, world.relative_goal(envs.robots), atol=1e-9, err_msg=(
-            "from the trunk before the double step to the trunk after it"))
+        close(
+            world.estimate,
+            world.relative_goal(envs.robots),
+            atol=1e-9,
+            err_msg=("from the trunk before the double step to the trunk after it"),
+        )
         close(world.variance[:, 2], 0.05**2)
     falls[1] = True
     envs.step(rng.random((3, 6)))
@@ -519,11 +633,18 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
     equal(envs.reset(seed=0, options={"goals": [[2.0, 0, 0]] * 3})[0], first)
     equal(world.estimate, before, err_msg="not even by rounding: a seed is an episode, to the bit")
 
+
 def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1):
     """Pushes [N] and errors of the gyro [rad/s] of n robots, [steps, n, T, 2] each; the world."""
     world, told, robots = make(env.FootstepWorld, n, sim, True, cores=1), [], np.arange(n)
-    monkeypatch.setattr(world.sim, "run", lambda trajectory, robots: (
-        told.append(trajectory), motion(np.zeros((len(robots), 3)), [False] * len(robots)))[1])
+    monkeypatch.setattr(
+        world.sim,
+        "run",
+        lambda trajectory, robots: (
+            told.append(trajectory),
+            motion(np.zeros((len(robots), 3)), [False] * len(robots)),
+        )[1],
+    )
     world.push = push
     world.reset(robots, [env.stream("training", i) for i in robots])
     for _ in range(steps):
@@ -531,6 +652,7 @@ def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1)
             world.measure(robots)
         world.step(np.full((n, 6), action), robots)
     return *(np.array([getattr(one, name) for one in told]) for name in ("push", "gyro")), world
+
 
 @BOTH
 def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
@@ -553,6 +675,7 @@ def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
         counts, _ = np.histogram(np.arctan2(left, ahead), 8, (-math.pi, math.pi))
         assert counts.min() > 0.6 * counts.mean(), "evenly from all around"
 
+
 def test_pushes_depend_neither_on_the_planner_nor_on_their_size(make, monkeypatch):
     suffer = partial(disturbances, make, monkeypatch, "mujoco")
     push, gyro, one = suffer(0.4, 8, 3)
@@ -564,6 +687,7 @@ def test_pushes_depend_neither_on_the_planner_nor_on_their_size(make, monkeypatc
     equal(gyro, still)
     equal(suffer(0.4, 8, 1)[0][:, 0], push[:, 0], err_msg="robot 0, alone or with others")
     equal(one.estimate, two.estimate, err_msg="drawn, but not used: the noise is the same")
+
 
 def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, monkeypatch):
     _, gyro, world = disturbances(make, monkeypatch, "pymunk", 0.0, 100, 4)
@@ -578,18 +702,29 @@ def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, mon
     for _ in range(250):
         world.reset(np.arange(4))
         offsets.extend(world.gyro_offset.copy())
-    close(np.quantile(offsets, [0, 0.25, 0.75, 1], 0)[:, 0], [-0.05, -0.025, 0.025, 0.05],
-          atol=0.005, err_msg="uniformly from −0.05 to 0.05 rad/s")
+    close(
+        np.quantile(offsets, [0, 0.25, 0.75, 1], 0)[:, 0],
+        [-0.05, -0.025, 0.025, 0.05],
+        atol=0.005,
+        err_msg="uniformly from −0.05 to 0.05 rad/s",
+    )
+
 
 def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     spread, count = env.Spread(), 500
     body = spread.draw(np.random.default_rng(0).spawn(count), ROBOT)
     for what, got, width, low, high in (
-            ("friction", body.friction, 1, ROBOT.friction - spread.friction,
-             ROBOT.friction + spread.friction),
-            ("mass", body.mass, 9, 1 - spread.mass, 1 + spread.mass),
-            ("stiffness", body.stiffness, 12, 1 - spread.stiffness, 1 + spread.stiffness),
-            ("stiction", body.stiction, 12, 0, spread.stiction)):
+        (
+            "friction",
+            body.friction,
+            1,
+            ROBOT.friction - spread.friction,
+            ROBOT.friction + spread.friction,
+        ),
+        ("mass", body.mass, 9, 1 - spread.mass, 1 + spread.mass),
+        ("stiffness", body.stiffness, 12, 1 - spread.stiffness, 1 + spread.stiffness),
+        ("stiction", body.stiction, 12, 0, spread.stiction),
+    ):
         assert got.shape == ((count, width) if width > 1 else (count,))
         share = (got.reshape(count, width) - low) / (high - low)
         assert share.min() >= 0 and share.max() <= 1, f"{what}: {got.min():.2f} to {got.max():.2f}"
@@ -602,34 +737,52 @@ def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     ice = env.Spread(friction=2.0).draw(np.random.default_rng(0).spawn(50), ROBOT)
     assert ice.friction.min() == 0, "no friction is less than none"
 
+
 class Greedy(env.Spread):  # takes more random numbers than ours
     def draw(self, rngs, robot):
         for rng in rngs:
             rng.random(99)
         return super().draw(rngs, robot)
 
+
 def nothing(world):
     """Neither a look nor a step."""
+
 
 def pushed_step(world):
     world.push = 5.0
     world.step(WILD, THREE)
 
+
 BODY = set(robot_model.Body.__dataclass_fields__)
 THREE, WILD = np.arange(3), np.random.default_rng(0).random((3, 6))
 
-@pytest.mark.parametrize("change, may_change", [
-    ({"goals": [[1.0, 2.0, 3.0]] * 3}, {"goal"}),
-    ({"friction": 0.05}, {"friction"}),
-    ({"friction": [math.nan, 0.05, math.nan]}, {"friction"}),
-    ({"spread": Greedy()}, BODY),
-    ({"first": lambda world: world.measure(THREE)}, {"noise of the goal"}),
-    ({"first": lambda world: world.view(THREE, np.ones((3, 3)))}, {"noise of the IMU"}),
-    ({"at_last": lambda world: world.measure(THREE)}, set()),
-    ({"at_last": lambda world: world.view(THREE, np.ones((3, 3)))}, set()),
-    ({"at_last": pushed_step}, set()),
-], ids=["goals", "friction", "one friction", "greedy", "look", "IMU",
-        "look before", "IMU before", "pushed before"])
+
+@pytest.mark.parametrize(
+    "change, may_change",
+    [
+        ({"goals": [[1.0, 2.0, 3.0]] * 3}, {"goal"}),
+        ({"friction": 0.05}, {"friction"}),
+        ({"friction": [math.nan, 0.05, math.nan]}, {"friction"}),
+        ({"spread": Greedy()}, BODY),
+        ({"first": lambda world: world.measure(THREE)}, {"noise of the goal"}),
+        ({"first": lambda world: world.view(THREE, np.ones((3, 3)))}, {"noise of the IMU"}),
+        ({"at_last": lambda world: world.measure(THREE)}, set()),
+        ({"at_last": lambda world: world.view(THREE, np.ones((3, 3)))}, set()),
+        ({"at_last": pushed_step}, set()),
+    ],
+    ids=[
+        "goals",
+        "friction",
+        "one friction",
+        "greedy",
+        "look",
+        "IMU",
+        "look before",
+        "IMU before",
+        "pushed before",
+    ],
+)
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, change, may_change):
     def drawn(spread=env.Spread(), first=nothing, at_last=nothing, **given):
         """What two episodes of three robots draw, [2, 3, ...] by name."""
@@ -643,15 +796,23 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
             error = robot_model.wrap(world.measure(THREE) - world.relative_goal(THREE))
             tilt = world.observe(THREE, np.ones((3, 3)))[:, 20:]
             body = {name: values.copy() for name, values in vars(world.sim.body).items()}
-            episodes.append({"goal": world.goal.copy(), "noise of the goal": error, **body,
-                             "noise of the IMU": tilt, "of the gyro": world.gyro_offset.copy()})
+            episodes.append(
+                {
+                    "goal": world.goal.copy(),
+                    "noise of the goal": error,
+                    **body,
+                    "noise of the IMU": tilt,
+                    "of the gyro": world.gyro_offset.copy(),
+                }
+            )
             at_last(world)
         return {name: np.array([episode[name] for episode in episodes]) for name in episodes[0]}
 
     plain, other = drawn(), drawn(**change)
     changed = {name for name in plain if not np.allclose(plain[name], other[name], atol=1e-12)}
     assert changed <= may_change and bool(changed) == bool(may_change), (
-        f"{changed} changed: every purpose and every episode has a generator of its own")
+        f"{changed} changed: every purpose and every episode has a generator of its own"
+    )
     if "goals" in change:
         equal(other["goal"], [change["goals"]] * 2)
     if "friction" in change:
@@ -659,6 +820,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
         equal(other["friction"], want, err_msg="nan: as drawn")
     for name in plain.keys() - {"delay"}:
         assert len(np.unique(plain[name])) == plain[name].size, f"{name}: drawn anew for each"
+
 
 def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
     """Ground, body, pose and goal differ, and all the rest is alike: so must be the views."""
@@ -680,12 +842,23 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
     for values in (world.neutral_action, world.actions):
         assert values.max() <= 1, "a planner wrote into its view: hand out copies"
 
+
 IN, OUT, FALL = "inside", "outside", "falls, inside"
 
-@pytest.mark.parametrize("ends, want, counted", [  # of the double steps; how it ends; its time
-    ([IN, IN], "success", 1), ([OUT, IN, IN], "success", 2), ([IN, OUT, IN, IN], "success", 3),
-    ([IN, OUT], "", 2), ([IN, OUT, IN], "", 3), ([IN, FALL], "fall", 2), ([FALL], "fall", 1)],
-    ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value))
+
+@pytest.mark.parametrize(
+    "ends, want, counted",
+    [  # of the double steps; how it ends; its time
+        ([IN, IN], "success", 1),
+        ([OUT, IN, IN], "success", 2),
+        ([IN, OUT, IN, IN], "success", 3),
+        ([IN, OUT], "", 2),
+        ([IN, OUT, IN], "", 3),
+        ([IN, FALL], "fall", 2),
+        ([FALL], "fall", 1),
+    ],
+    ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value),
+)
 def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
     world, robots = make(env.FootstepWorld, 3, cores=1), np.array([2, 0])
     # It starts at its goal, which does not count as having been there.
@@ -699,17 +872,31 @@ def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
             got = [name for name in ("success", "fall", "timeout") if result[name][0]]
             assert got == ([want] if want and step == len(ends) else []), (
                 f"after double step {step} of {ends}: two in a row must end inside, and a fall "
-                f"in the second is a fall{', whatever the last episode was' * repeat}")
+                f"in the second is a fall{', whatever the last episode was' * repeat}"
+            )
             equal(result["inside"], [end is IN, False], "of every robot by itself; a fall wins")
             assert result["reward_terms"]["r_goal"][0] == TASK.s_goal * ("success" in got)
             assert not result["success"][1], "a robot arrives for itself, not for another one"
-        close(result["time"] / world.engine.period, [counted, len(ends)], err_msg=(
-            "a success took the time to the FIRST of the two"))
+        close(
+            result["time"] / world.engine.period,
+            [counted, len(ends)],
+            err_msg=("a success took the time to the FIRST of the two"),
+        )
 
-@pytest.mark.parametrize("x, yaw_deg, fell, want", [
-    (0.049, 9.9, False, "success"), (-0.049, -9.9, False, "success"), (0.0, 360, False, "success"),
-    (0.051, 0, False, ""), (0.0, 10.1, False, ""), (0.0, -10.1, False, ""), (0.0, 180, False, ""),
-    (0.0, 0, True, "fall")])
+
+@pytest.mark.parametrize(
+    "x, yaw_deg, fell, want",
+    [
+        (0.049, 9.9, False, "success"),
+        (-0.049, -9.9, False, "success"),
+        (0.0, 360, False, "success"),
+        (0.051, 0, False, ""),
+        (0.0, 10.1, False, ""),
+        (0.0, -10.1, False, ""),
+        (0.0, 180, False, ""),
+        (0.0, 0, True, "fall"),
+    ],
+)
 def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, yaw_deg, fell, want):
     one = make(env.FootstepEnv, noise=True)  # noise must not matter: the true pose counts
     goal = np.array([0.7, -0.2, 1.0])
@@ -725,6 +912,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
         assert info["reward_terms"]["r_goal"] == TASK.s_goal * (want == "success")
         assert info["reward_terms"]["r_fall"] == -TASK.s_fall * (want == "fall")
 
+
 @BOTH
 @pytest.mark.parametrize("limit", [TASK.time_limit, 3.0])
 def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, limit):
@@ -733,9 +921,13 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     whole = math.floor(limit / period + 1e-9)  # double steps that fit into the time
     goal, away = np.array([2.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
     rows = [  # double steps left; where the next two end; a fall in the second one; how it ends
-        (3, away, away, False, ""), (2, away, away, False, "timeout"),
-        (2, away, goal, False, "timeout"), (2, goal, goal, False, "success"),
-        (2, goal, goal, True, "fall"), (2, away, away, True, "fall")]
+        (3, away, away, False, ""),
+        (2, away, away, False, "timeout"),
+        (2, away, goal, False, "timeout"),
+        (2, goal, goal, False, "success"),
+        (2, goal, goal, True, "fall"),
+        (2, away, away, True, "fall"),
+    ]
     left, first, second, fell, want = zip(*rows)
     envs.reset(seed=0, options={"goals": [goal] * 6})
     envs.world.steps[:] = whole - np.array(left)
@@ -746,14 +938,20 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
             assert not (terminated | truncated).any(), "there is room for one more double step"
     want = np.array(want)
     equal(truncated, want == "timeout", err_msg="neither there nor fallen when the time is up")
-    equal(terminated, np.isin(want, ("success", "fall")), err_msg=(
-        "a time-out truncates, it does not terminate: stage 4 bootstraps there, not after a fall"))
+    equal(
+        terminated,
+        np.isin(want, ("success", "fall")),
+        err_msg=(
+            "a time-out truncates, it does not terminate: stage 4 bootstraps there, not after a fall"
+        ),
+    )
     for name in ("success", "fall", "timeout"):
         equal(infos["final_info"][name], want == name)
     counted = whole - np.isin(want, ("", "success"))
     close(infos["final_info"]["time"], counted * period)
     assert infos["final_obs"][1, 0] == pytest.approx(1.0), "one metre was left"
     equal(envs.world.steps, [whole - 1, 0, 0, 0, 0, 0])
+
 
 def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make, monkeypatch):
     task = replace(TASK, time_limit=7.0)
@@ -769,6 +967,7 @@ def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(mak
     assert len({*first}) > 4 and min(first) >= 1 and max(first) <= whole, "at different times"
     for one in steps:
         equal(np.diff(one), whole, err_msg="later episodes have the full time")
+
 
 @BOTH
 def test_demonstration_planner_reaches_goals(make, sim):

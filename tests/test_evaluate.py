@@ -32,17 +32,33 @@ PERIOD = 2 * TICK * env.walk_engine.TUNED["pymunk"].half_ticks  # [s] a double s
 VIEW = env.View(PERIOD, LIMITS, None, None, None)
 plot_footsteps = evaluate.plot_footsteps  # `short_trials` puts it aside
 
+
 def command(x, y, yaw=0.0, settings=B):
     return evaluate.velocity_command(np.broadcast_to([x, y, yaw + 0.0], (1, 3)), settings)[0]
 
+
 def test_speed_limit_on_each_axis():
-    for x, y, expected in ((5, 0, (0.12, 0)), (-5, 0, (-0.06, 0)), (0, 5, (0, 0.07)),
-                           (0, -5, (0, -0.07))):
+    for x, y, expected in (
+        (5, 0, (0.12, 0)),
+        (-5, 0, (-0.06, 0)),
+        (0, 5, (0, 0.07)),
+        (0, -5, (0, -0.07)),
+    ):
         found = command(x, y)[:2]
-        equal(np.sign(found.round(6)), np.sign(expected), err_msg=(
-            f"the signs of v: v_x ahead, v_y to the left (for a goal at ({x}, {y}))"))
-        close(found, expected, atol=1e-6, err_msg=(
-            "forward 0.12, backward 0.06, sideways 0.07 m/s: is backward taken for forward?"))
+        equal(
+            np.sign(found.round(6)),
+            np.sign(expected),
+            err_msg=(f"the signs of v: v_x ahead, v_y to the left (for a goal at ({x}, {y}))"),
+        )
+        close(
+            found,
+            expected,
+            atol=1e-6,
+            err_msg=(
+                "forward 0.12, backward 0.06, sideways 0.07 m/s: is backward taken for forward?"
+            ),
+        )
+
 
 def test_speed_far_away_is_on_the_edge_of_the_diamond():
     for beta in np.linspace(-np.pi, np.pi, 50):
@@ -50,9 +66,11 @@ def test_speed_far_away_is_on_the_edge_of_the_diamond():
         edge = abs(v_x) / (0.12 if v_x > 0 else 0.06) + abs(v_y) / 0.07
         assert edge == pytest.approx(1), (
             "|v_x| / x_max + |v_y| / y_max = 1: above 1 each axis is limited on its own (a box) or "
-            "the limit is round (an ellipse); between the axes it is a straight line")
+            "the limit is round (an ellipse); between the axes it is a straight line"
+        )
         turned_by = env.wrap(math.atan2(v_y, v_x) - beta)
         assert turned_by == pytest.approx(0, abs=1e-6), "limiting must not change the direction"
+
 
 def test_speed_near_the_goal_is_gain_times_distance():
     hint = "v = min(gain·d, v_max): inside the limits the gain decides (for a goal at 3.6 cm)"
@@ -60,6 +78,7 @@ def test_speed_near_the_goal_is_gain_times_distance():
     half = command(0.03, -0.02, settings=replace(B, gain=0.5))
     close(half[:2], (0.015, -0.01), atol=1e-6, err_msg=hint)
     assert not command(0, 0).any(), "at the goal there is nothing to do"
+
 
 def test_far_away_it_faces_the_goal_and_nearby_it_turns_like_the_goal():
     assert command(0, 1.01, 0.2)[2] == pytest.approx(0.3), "far: 0.3·β, limited; left: positive"
@@ -71,15 +90,23 @@ def test_far_away_it_faces_the_goal_and_nearby_it_turns_like_the_goal():
     around = command(0.1, 0, math.radians(350))[2]
     assert around == pytest.approx(0.3 * math.radians(-10)), "350° to the left are 10° to the right"
 
+
 def test_speed_and_turning_follow_the_settings():
-    hint = ("every limit and gain comes from `settings`, not from the default; and the gain comes "
-            "before the limit: v = min(gain·d, v_max)")
+    hint = (
+        "every limit and gain comes from `settings`, not from the default; and the gain comes "
+        "before the limit: v = min(gain·d, v_max)"
+    )
     for x, y, expected in (5, 0, (0.3, 0)), (-5, 0, (-0.1, 0)), (0, 5, (0, 0.2)):
-        close(command(x, y, settings=OTHER)[:2], expected, atol=1e-6, err_msg=(
-            f"{hint} (for a goal at ({x}, {y}))"))
+        close(
+            command(x, y, settings=OTHER)[:2],
+            expected,
+            atol=1e-6,
+            err_msg=(f"{hint} (for a goal at ({x}, {y}))"),
+        )
     assert command(0, 5, settings=OTHER)[2] == pytest.approx(0.8), "far: 0.8 rad/s to the left"
     assert command(0.3, 0, 0.2, OTHER)[2] == pytest.approx(0.4), "near: 2·α; " + hint
     assert command(0.5, 0, 0.2, OTHER)[2] == pytest.approx(0), "far begins at far_m = 0.4 m"
+
 
 def test_speed_of_many_goals_is_that_of_each():
     goals = np.random.default_rng(0).normal(size=(50, 3)) * (1, 1, 2)
@@ -88,22 +115,33 @@ def test_speed_of_many_goals_is_that_of_each():
     alone = [command(*goal, settings=OTHER) for goal in goals]
     close(together, alone, rtol=1e-5, err_msg="robots must not influence one another")
 
+
 def test_the_filter_is_solved_exactly():
     found = evaluate.low_pass(0.02, 0.12, 0.6, 1.5)
     assert found == pytest.approx(0.12 - 0.1 * math.exp(-0.4)), (
-        "v ← v + (1 − exp(−t/τ))·(v_cmd − v): is the sign right?")
+        "v ← v + (1 − exp(−t/τ))·(v_cmd − v): is the sign right?"
+    )
     assert evaluate.low_pass(0.02, 0.12, 0.6, 0) == pytest.approx(0.12), "τ = 0: no filter"
+
 
 def test_velocities_become_mirrored_footsteps():
     velocities = np.array([[0.12, 0, 0], [0, 0.06, 0], [0, -0.06, 0], [0, 0, 0.2]])
     velocities.flags.writeable = False
-    expected = [[[0.03, 0, 0], [0.03, 0, 0]], [[0, 0.03, 0], [0, 0, 0]],
-                [[0, 0, 0], [0, 0.03, 0]], [[0, 0, 0.05], [0, 0, -0.05]]]
+    expected = [
+        [[0.03, 0, 0], [0.03, 0, 0]],
+        [[0, 0.03, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, 0.03, 0]],
+        [[0, 0, 0.05], [0, 0, -0.05]],
+    ]
     ahead = "forward: half the period's way per single step, so both feet share it"
-    aside = ("sideways: one foot takes it all, the left one to the left and the right one to the "
-             "right, and outward is positive for both; the other one follows with 0")
-    turn = ("turn: either foot takes its share, a half by default; outward is positive for both "
-            "feet: y and yaw of the right foot are mirrored")
+    aside = (
+        "sideways: one foot takes it all, the left one to the left and the right one to the "
+        "right, and outward is positive for both; the other one follows with 0"
+    )
+    turn = (
+        "turn: either foot takes its share, a half by default; outward is positive for both "
+        "feet: y and yaw of the right foot are mirrored"
+    )
     steps = evaluate.velocity_to_footsteps(velocities, period=0.5)
     assert np.shape(steps) == (4, 2, 3), "velocities [n, 3] -> footsteps [n, 2, 3]"
     for i, (want, hint) in enumerate(zip(expected, (ahead, aside, aside, turn))):
@@ -111,8 +149,10 @@ def test_velocities_become_mirrored_footsteps():
         close(alone, want, atol=1e-6, err_msg=f"{hint} (for {velocities[i]})")
         close(steps[i], alone, atol=1e-6, err_msg="robots must not influence one another")
 
-@pytest.mark.parametrize("velocity", [(0.1, 0, 0), (-0.05, 0, 0), (0, 0.06, 0), (0, -0.06, 0),
-                                      (0, 0, 0.3), (0, 0, -0.3)])
+
+@pytest.mark.parametrize(
+    "velocity", [(0.1, 0, 0), (-0.05, 0, 0), (0, 0.06, 0), (0, -0.06, 0), (0, 0, 0.3), (0, 0, -0.3)]
+)
 def test_planned_footsteps_move_the_feet_at_that_velocity(velocity):
     engine = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED["pymunk"], planar=True)
     footsteps = evaluate.velocity_to_footsteps(np.array([velocity]), engine.period)
@@ -122,21 +162,35 @@ def test_planned_footsteps_move_the_feet_at_that_velocity(velocity):
     moved = (middle[-1] - middle[0]) / engine.period
     assert moved[2] == pytest.approx(velocity[2], abs=1e-9), "wrong turning rate"
     if velocity[2] == 0:
-        close(moved, velocity, atol=1e-9, err_msg=(
-            "forward: half the period's way per single step; sideways: all of it by one foot"))
+        close(
+            moved,
+            velocity,
+            atol=1e-9,
+            err_msg=(
+                "forward: half the period's way per single step; sideways: all of it by one foot"
+            ),
+        )
+
 
 def test_a_shared_way_is_split_in_proportion_to_the_limits():
     """Outward 0.15 m and 0.6 rad, inward 0.04 m and 0.4 rad: shares 15/19 and 6/10."""
     limits = env.StepLimits(low=(-0.1, -0.04, -0.4), high=(0.1, 0.15, 0.6))
-    planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(
-        9, 9, 9, 9, gain=1.0, turning_gain=1.0, far_m=9.0, time_constant=0.0, share=True))
+    planner = evaluate.BaselinePlanner(
+        evaluate.BaselineSettings(
+            9, 9, 9, 9, gain=1.0, turning_gain=1.0, far_m=9.0, time_constant=0.0, share=True
+        )
+    )
     planner.reset(2)
     goals = np.array([[0, 0.19, 0.5], [0, -0.095, -1.0]])  # the way within a second
     actions = planner.act(env.View(1.0, limits, None, None, None), np.arange(2), goals)
     steps = env.to_footsteps(actions, limits)
-    close(steps, [[[0, 0.15, 0.3], [0, -0.04, -0.2]],
-                                       [[0, -0.02, -0.4], [0, 0.075, 0.6]]], atol=1e-6, err_msg=(
-        "the leading foot takes out / (out + in) outward, the other one the rest inward"))
+    close(
+        steps,
+        [[[0, 0.15, 0.3], [0, -0.04, -0.2]], [[0, -0.02, -0.4], [0, 0.075, 0.6]]],
+        atol=1e-6,
+        err_msg=("the leading foot takes out / (out + in) outward, the other one the rest inward"),
+    )
+
 
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, robot, velocities = evaluate.BaselinePlanner(), np.array([1]), []
@@ -148,11 +202,16 @@ def test_only_the_first_command_of_a_trial_is_not_filtered():
             velocities.append(planner.velocity[1].copy())
     share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
     changed = (0.12 * (1 - share), 0.07 * share, 0.3 * share)
-    close(velocities, [(0.12, 0, 0), changed, (0, 0.07, 0.3)], atol=1e-12, err_msg=(
-        "the filter smooths changes; before a first command is none"))
+    close(
+        velocities,
+        [(0.12, 0, 0), changed, (0, 0.07, 0.3)],
+        atol=1e-12,
+        err_msg=("the filter smooths changes; before a first command is none"),
+    )
     assert np.isnan(planner.velocity[0]).all(), "robot 0 was not asked, only robot 1"
     steps = [[[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]]]
     close(env.to_footsteps(actions, LIMITS), steps, atol=1e-12, err_msg="it shares turns only")
+
 
 def test_wilson_interval():
     hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
@@ -163,19 +222,27 @@ def test_wilson_interval():
     assert high == pytest.approx(1) and 0.99 < low < 1, "500 of 500 does not prove 100 %"
     assert evaluate.wilson(0, 500) == pytest.approx([1 - high, 1 - low]), "not symmetric"
 
+
 def trials(outcomes, times, still_there=None):
     """Without still_there: all successes are. Somebody times out who was there once, after 8 s."""
     reached, times = np.array(outcomes) == "success", np.array(times, float)
     once = np.where(reached, times, 8.0 * (np.array(outcomes) == "timeout"))
-    return {"outcome": np.array(outcomes), "time": times,
-            "still_there": reached if still_there is None else np.array(still_there),
-            "reached_once": once > 0, "time_once": once,
-            "least": np.arange(2.0, 2 + len(times))}
+    return {
+        "outcome": np.array(outcomes),
+        "time": times,
+        "still_there": reached if still_there is None else np.array(still_there),
+        "reached_once": once > 0,
+        "time_once": once,
+        "least": np.arange(2.0, 2 + len(times)),
+    }
+
 
 FOUR = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100], [1, 0, 0, 0])
 
+
 def row_of(planner, noise, std, ended=FOUR):
     return evaluate.summary(planner, noise, std, ended, env.Task())
+
 
 def test_time_ratio_uses_only_goals_that_both_reached():
     ours = trials(["success", "success", "fall", "success"], [5, 10, 1, 80])
@@ -184,27 +251,38 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     assert row["goals"] == 2, "goals that both reached: a fall's time is none of a fast success"
     assert row["time_ratio"] == pytest.approx(0.5), "mean time / mean time of the reference"
     assert [*row["time_ratio_ci95"]] == pytest.approx([0.5, 0.5]), (
-        "paired: a goal's difficulty cancels out, resample goals, not times")
-    far_ones = evaluate.time_ratio(trials(["success"] * 3, [5, 30, 40]),
-                                   trials(["success"] * 3, [10, 20, 40]))
+        "paired: a goal's difficulty cancels out, resample goals, not times"
+    )
+    far_ones = evaluate.time_ratio(
+        trials(["success"] * 3, [5, 30, 40]), trials(["success"] * 3, [10, 20, 40])
+    )
     assert far_ones["time_ratio"] == pytest.approx(75 / 70), (
-        "a ratio of the means, not a mean of the ratios")
+        "a ratio of the means, not a mean of the ratios"
+    )
     assert far_ones["median"] == pytest.approx(1), "of the ratios goal by goal: 0.5, 1.5 and 1"
     assert far_ones["slower"] == pytest.approx(1 / 3), "longer than the reference, not as long"
     assert far_ones["over_optimum"] == pytest.approx(75 / (2 + 3 + 4)), (
-        "mean time / mean of the least time")
+        "mean time / mean of the least time"
+    )
     assert row["over_optimum"] == pytest.approx(15 / (2 + 3)), "of the goals that both reached"
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
 
+
 def test_planners_are_compared_goal_by_goal_too():
     one, other, key = ("a", True, 0.5), ("b", True, 0.5), ["success"] * 3 + ["fall"]
-    ratios = evaluate.compare({one: trials(key, [3, 8, 12, 1]), other: trials(key, [10, 10, 10, 9]),
-                               ("b", False, 0.5): trials(key, [1, 1, 1, 1])})
+    ratios = evaluate.compare(
+        {
+            one: trials(key, [3, 8, 12, 1]),
+            other: trials(key, [10, 10, 10, 9]),
+            ("b", False, 0.5): trials(key, [1, 1, 1, 1]),
+        }
+    )
     (a,), (b,) = ([row for row in ratios if row["planner"] == name] for name in "ab")
     assert (a["reference"], a["goals"]) == ("b", 3), "only rows with the same noise and goals"
     assert (a["median"], a["slower"]) == (0.8, 0.3333), "of 0.3, 0.8, 1.2; one is slower"
     assert (b["median"], b["slower"]) == (1.25, 0.6667)
+
 
 def test_time_ratio_s_interval_covers_the_truth():
     """90 goals with another ratio each: about 95 of 100 such samples must contain the mean."""
@@ -212,13 +290,16 @@ def test_time_ratio_s_interval_covers_the_truth():
     for _ in range(200):
         theirs = rng.uniform(5, 30, 90)
         ours = theirs * rng.uniform(0.3, 0.7, 90)  # 0.5 on average, whatever the goal
-        row = evaluate.time_ratio(trials(["success"] * 90, ours),
-                                  trials(["success"] * 90, theirs), resamples=300)
+        row = evaluate.time_ratio(
+            trials(["success"] * 90, ours), trials(["success"] * 90, theirs), resamples=300
+        )
         low, high = row["time_ratio_ci95"]
         covered.append(low <= 0.5 <= high)
     assert 0.89 <= np.mean(covered) <= 0.99, (
         "2.5 and 97.5 % of the ratios of the means; goals are drawn with replacement "
-        f"(got {np.mean(covered):.0%} of the intervals around the truth, expected 95 %)")
+        f"(got {np.mean(covered):.0%} of the intervals around the truth, expected 95 %)"
+    )
+
 
 def test_summary_counts_episodes_and_times_successes():
     row = row_of("policy", False, 0.5)
@@ -229,6 +310,7 @@ def test_summary_counts_episodes_and_times_successes():
     assert row["time_once_mean"] == 6, "(4 + 6 + 8) / 3 s, of all who were there once"
     assert row["time_once_std"] == pytest.approx(math.sqrt(8 / 3), abs=1e-3)
 
+
 def test_summary_without_a_success_is_valid_json():
     row = row_of("policy", True, 0.5, trials(["fall", "fall"], [1, 100]))
     for name in ("time_mean", "time_std", "time_once_mean", "time_once_std", "still_there"):
@@ -236,20 +318,31 @@ def test_summary_without_a_success_is_valid_json():
     json.dumps(row, allow_nan=False)
     assert "none" in evaluate.table([row], [])
 
+
 def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0), row_of("mine", True, None)]
-    ratio = {"planner": "policy", "reference": "mine", "noise": False, "goal_std_m": None,
-             "goals": 7, "time_ratio": 0.5, "time_ratio_ci95": [0.4, 0.6], "median": 0.45,
-             "slower": 0.125, "over_optimum": 2.5}
+    ratio = {
+        "planner": "policy",
+        "reference": "mine",
+        "noise": False,
+        "goal_std_m": None,
+        "goals": 7,
+        "time_ratio": 0.5,
+        "time_ratio_ci95": [0.4, 0.6],
+        "median": 0.45,
+        "slower": 0.125,
+        "over_optimum": 2.5,
+    }
     ours, _, once, _, ratios = evaluate.table(rows, [ratio]).split("\n\n")
     assert "paper" not in ours, "its success means something else: not in the same column"
     assert "| own | yes | mine | 0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00 ± 1.00 |" in ours
     assert once.splitlines()[2:] == [
         "| yes | policy | ours | 0.750 | 0.000 | 0.250 | 6.00 ± 1.63 |",
-        "| yes | policy | paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 |"], (
-            "of other planners, and of goals twice as far, Table II says nothing")
+        "| yes | policy | paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 |",
+    ], "of other planners, and of goals twice as far, Table II says nothing"
     assert "| own | no | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 2.50 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
+
 
 class Recorder:
     """Steps on the spot and remembers what it was told."""
@@ -261,11 +354,13 @@ class Recorder:
         self.measured.append(measured.copy())
         return np.tile(view.neutral_action, (len(robots), 1))
 
+
 class Wild(Recorder):  # it also scribbles on what it is told: copies are handed out, not the world
     def act(self, view, robots, measured):
         actions = 0 * super().act(view, robots, measured) + [0.7, 0.3, 0.5, 0.7, 0.3, 0.5]
         robots[:] = measured[:] = 0
         return actions
+
 
 class Hasty(Recorder):  # as long a step as it can, forward or backward, until it falls
     def act(self, view, robots, measured):
@@ -273,7 +368,9 @@ class Hasty(Recorder):  # as long a step as it can, forward or backward, until i
         actions[:, [0, 3]] = measured[:, :1] > 0
         return actions
 
+
 SHORT = env.Task(time_limit=2.0)  # three decisions are enough
+
 
 @pytest.fixture(scope="module")
 def world():
@@ -281,15 +378,18 @@ def world():
     yield world
     world.close()
 
+
 def to(goals):
     """Trials with these goals [n, 3]."""
     return replace(evaluate.draw_trials(0, len(goals)), goals=np.array(goals, float))
+
 
 def first_noise(planner, world, asked):
     evaluate.evaluate(planner, world, asked, noise=True)
     noise = planner.measured[0] - asked.goals
     noise[:, 2] = env.wrap(noise[:, 2])
     return noise
+
 
 def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     six, two = evaluate.draw_trials(3, 6), evaluate.draw_trials(3, 2)
@@ -300,6 +400,7 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
     dice = env.stream("evaluation", 3, 0).spawn(6)[env.NOISE]
     close(noise[0], dice.normal(size=3) * 0.05, err_msg="more than one measurement for a decision")
+
 
 def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
     class Watching(Recorder):
@@ -317,11 +418,13 @@ def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
     assert third[:2].sum() < 0.7 * first[:2].sum(), "after three measurements it knows more"
     close(off[3:], 0, atol=1e-12)
 
+
 def test_far_trials_are_near_ones_with_the_goal_twice_as_far(world):
     near, far = (evaluate.draw_trials(3, 6, far) for far in (False, True))
     close(far.goals, near.goals * (2, 2, 1), err_msg="σ = 1 m, not 0.5 m")
     noise, other = (first_noise(Recorder(), world, asked) for asked in (near, far))
     close(other, noise, atol=1e-12, err_msg="only the goal may differ")
+
 
 def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypatch):
     monkeypatch.setattr(world, "task", env.Task(time_limit=7.0))  # time enough to fall
@@ -341,16 +444,30 @@ def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypat
         equal(second[name], values[chosen], err_msg=f"{name}: fixed by goal, seed, number and μ")
     equal(world.pose[:4], ends[chosen], "to the last bit")
 
+
 def test_the_least_time_by_hand():
-    world = SimpleNamespace(task=env.Task(), limits=LIMITS, engine=SimpleNamespace(
-        period=0.6, beside=np.array([[0, 0.18, 0], [0, -0.18, 0]])))
+    world = SimpleNamespace(
+        task=env.Task(),
+        limits=LIMITS,
+        engine=SimpleNamespace(period=0.6, beside=np.array([[0, 0.18, 0], [0, -0.18, 0]])),
+    )
     # Seen from the other foot, a foot lands 0.18 m ahead, 0.18 + 0.15 m aside, 0.6 rad outward.
     way = 2 * (0.18 * math.cos(0.3) + 0.33 * math.sin(0.3))  # [m] of a double step, toes out
     turn = 0.60 + 0.40  # [rad]
-    goals = [[0.04, 0, 0], [3 * way + 0.04, 0, 0], [0, 3 * way + 0.06, 0], [0, 0, 2 * turn + 0.17],
-             [0, 0, -2 * turn - 0.18], [0, -way - 0.06, 2 * turn + 0.18]]
-    close(evaluate.least_time(np.array(goals), world), 0.6 * np.array([1, 3, 4, 2, 3, 3]), err_msg=(
-        "to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"))
+    goals = [
+        [0.04, 0, 0],
+        [3 * way + 0.04, 0, 0],
+        [0, 3 * way + 0.06, 0],
+        [0, 0, 2 * turn + 0.17],
+        [0, 0, -2 * turn - 0.18],
+        [0, -way - 0.06, 2 * turn + 0.18],
+    ]
+    close(
+        evaluate.least_time(np.array(goals), world),
+        0.6 * np.array([1, 3, 4, 2, 3, 3]),
+        err_msg=("to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"),
+    )
+
 
 @pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 def test_no_plan_is_faster_than_the_least_time(sim):
@@ -373,6 +490,7 @@ def test_no_plan_is_faster_than_the_least_time(sim):
         assert least.max() <= steps + 1e-9, f"{extreme[row[least.argmax()]]} is faster"
         assert least.max() == pytest.approx(steps), "some walk needs all of these double steps"
 
+
 OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
 IN = (0.02, -0.03, math.radians(9))  # 3.6 cm and 9° from the goal
 FALLS = "falls"
@@ -389,6 +507,7 @@ ENDINGS = {  # after each double step; outcome, double steps, the first one insi
     "falls instead of staying": ([IN, FALLS, IN], "fall", 2, 1, False),
 }
 
+
 def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     poses, *columns = zip(*ENDINGS.values())
     outcome, steps, first, still_there = map(np.array, columns)
@@ -399,8 +518,12 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
         done[robots] += 1
         torso = np.zeros((len(robots), trajectory.joints.shape[1] - 1, 6))
         torso[:, -1, [0, 1, 5]] = [IN if end is FALLS else end for end in ends]
-        return robot_model.Motion(torso, trajectory.joints[:, 1:], torso[:, -1, :3],
-                                  np.array([end is FALLS for end in ends]))
+        return robot_model.Motion(
+            torso,
+            trajectory.joints[:, 1:],
+            torso[:, -1, :3],
+            np.array([end is FALLS for end in ends]),
+        )
 
     def watched_step(actions, robots):
         asked.append((np.array(actions), list(robots)))
@@ -410,14 +533,18 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     monkeypatch.setattr(world, "step", watched_step)
     found = evaluate.evaluate(planner, world, to(np.zeros((len(poses), 3))), noise=True)
     for key, want, hint in (
-            ("outcome", outcome, "a success is inside after two double steps in a row"),
-            ("steps", steps, "they end with the trial, not with the two double steps after it"),
-            ("still_there", still_there, "inside and standing after two more double steps"),
-            ("reached_once", first > 0, "once inside, whatever comes then; a fall is not inside")):
+        ("outcome", outcome, "a success is inside after two double steps in a row"),
+        ("steps", steps, "they end with the trial, not with the two double steps after it"),
+        ("still_there", still_there, "inside and standing after two more double steps"),
+        ("reached_once", first > 0, "once inside, whatever comes then; a fall is not inside"),
+    ):
         equal(found[key], want, f"{key}: {hint}; of {[*ENDINGS]}")
     ended = np.where(outcome == "success", first, steps)
-    close(found["time"], ended * world.engine.period, err_msg=(
-        "a success has the time of the first of the two double steps"))
+    close(
+        found["time"],
+        ended * world.engine.period,
+        err_msg=("a success has the time of the first of the two double steps"),
+    )
     close(found["time_once"], first * world.engine.period)
     (actions, robots), (_, standing) = asked[-2:]
     assert robots == list(range(6)), "every success is watched for two more double steps"
@@ -425,12 +552,14 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     close(actions, np.tile(world.neutral_action, (6, 1)), err_msg="no planner is asked: in place")
     assert len(planner.measured) == 3, "one measurement a decision, none afterwards"
 
+
 def test_the_recorded_walk_is_the_measured_one(world):
-    walk, = evaluate.record(Recorder(), world, to([[1.0, 0.0, 0.0]]))
+    (walk,) = evaluate.record(Recorder(), world, to([[1.0, 0.0, 0.0]]))
     steps = len(walk["feet"])
     ticks = steps * 2 * world.engine.parameters.half_ticks
     assert walk["torso"].shape == (ticks, 6) and walk["joints"].shape == (ticks, 12)
     equal(walk["torso"][-1, [0, 1, 5]], world.pose[0], err_msg="the simulator's pose, not the plan")
+
 
 def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
@@ -443,10 +572,11 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
         return robot_model.Motion(torso, trajectory.joints[:, 1:], np.zeros((1, 3)), nobody)
 
     monkeypatch.setattr(world.sim, "run", run)
-    walk, = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
+    (walk,) = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     close(walk["feet"][-1], planned, atol=1e-6, err_msg="x, y of the ankle's projection, yaw")
+
 
 @pytest.mark.parametrize("imu, seen", [(False, 20), (True, 25)])
 def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
@@ -457,15 +587,20 @@ def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
     found = evaluate.PolicyPlanner(model, imu).act(view, np.arange(2), np.zeros((2, 3)))
     equal(found, model.decide(observation[:, :seen]), err_msg="the IMU's rows are the last ones")
 
+
 def save_untrained(path, sim="pymunk", imu=False, steps=10):
     """A policy that steps on the spot whatever it sees: nearly its first one."""
     torch.manual_seed(0)
     neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
     model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=neutral)
     path.parent.mkdir(parents=True, exist_ok=True)
-    ppo.save_policy(path, model, {"fits": env.fingerprint(sim, imu), "imu": imu, "steps": steps,
-                                  "minutes": 0.1, "seed": 0})
+    ppo.save_policy(
+        path,
+        model,
+        {"fits": env.fingerprint(sim, imu), "imu": imu, "steps": steps, "minutes": 0.1, "seed": 0},
+    )
     return path
+
 
 PLANNER = """
 import numpy as np
@@ -481,12 +616,14 @@ class Planner:
 """
 LINE = 10  # of what is put in
 
+
 def own_planner(path, line="pass"):
     """The file of a planner that steps on the spot and does something else before."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(PLANNER.format(line=line), encoding="utf-8")
     return path
+
 
 @pytest.fixture
 def short_trials(tmp_path, monkeypatch):
@@ -497,40 +634,59 @@ def short_trials(tmp_path, monkeypatch):
     monkeypatch.setattr(evaluate, "plot_footsteps", mock.Mock())
     save_untrained(Path("results/pymunk/policy.pt"))
 
+
 def call(*arguments):
     """The script's main in this process; with evaluation.json and trials.csv in the folder out."""
     evaluate.main([*map(str, arguments), "--out", "out"])
     return json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
+
 
 def refused(capsys, *arguments):
     """The one line on stderr of a call that must be refused, before anything is written."""
     with pytest.raises(SystemExit) as stopped:
         call(*arguments)
     assert stopped.value.code == 2, "bad input ends with exit code 2"
-    line, = capsys.readouterr().err.splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert not Path("out").exists(), "check everything first, then write"
     return line
+
 
 def read(path, text, friction=np.nan):
     """The Trials of a file with that text; without a column of its own the seed is 5."""
     path.write_bytes(text.encode())
     return evaluate.read_trials(path, 5, friction)
 
-@pytest.mark.parametrize("text", [
-    "", "x,y,yaw\n", "1,2,3\n", "x,y\n1,2\n", "x,y,yaw\n1,2\n", "x,y,yaw\n1,2,3,4\n",
-    "x,y,yaw\n1,two,3\n", "x,y,yaw\n1,2,\n", "x,y,yaw\n1,2,3\n1,nan,3\n",
-    "x,y,yaw\n" + "".join(f"{i},0,0\n" for i in range(10_001)), "x,y,yaw\n\xe9\xe9,1,1\n", None],
-    ids=lambda text: repr(text)[:30])
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "x,y,yaw\n",
+        "1,2,3\n",
+        "x,y\n1,2\n",
+        "x,y,yaw\n1,2\n",
+        "x,y,yaw\n1,2,3,4\n",
+        "x,y,yaw\n1,two,3\n",
+        "x,y,yaw\n1,2,\n",
+        "x,y,yaw\n1,2,3\n1,nan,3\n",
+        "x,y,yaw\n" + "".join(f"{i},0,0\n" for i in range(10_001)),
+        "x,y,yaw\n\xe9\xe9,1,1\n",
+        None,
+    ],
+    ids=lambda text: repr(text)[:30],
+)
 def test_a_malformed_goals_file_is_one_line(short_trials, capsys, text):
     if text is not None:
         Path("goals.csv").write_text(text, encoding="latin-1")
     message = refused(capsys, "--goals", "goals.csv")
     assert "goals.csv: needs columns x, y, yaw and finite numbers" in message
 
+
 def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path):
     found = read(tmp_path / "goals.csv", "x,y,yaw\n1,2,0.5\n1,2,0.5\n0,0,0\n")
     assert (found.seed.tolist(), found.number.tolist()) == ([5, 5, 5], [0, 1, 2]), (
-        "the same goal twice is two trials, with another ground and body each")
+        "the same goal twice is two trials, with another ground and body each"
+    )
     assert np.isnan(found.friction).all(), "to be drawn"
     spreadsheet = read(tmp_path / "goals.csv", "\ufeffX ,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n")
     close(spreadsheet.goals, [[1, -2.5, 7 - 2 * math.pi]])
@@ -540,39 +696,65 @@ def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path
     assert found.friction.tolist() == [0.8] * 2 and found.purpose == "evaluation"
     assert given.friction.tolist() == [0.4] * 2, "--friction goes before what the file says"
 
+
 def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, capsys):
     save_untrained(Path("runs/pymunk/policy.pt"), steps=20)
     planners, facts = evaluate.choose_planners("pymunk")
-    assert facts == {"file": "runs/pymunk/policy.pt", "imu": False, "steps": 20,
-                     "minutes": 0.1, "seed": 0}
+    assert facts == {
+        "file": "runs/pymunk/policy.pt",
+        "imu": False,
+        "steps": 20,
+        "minutes": 0.1,
+        "seed": 0,
+    }
     assert list(planners) == ["policy", "baseline_tuned", "baseline"]
     assert planners["baseline"].settings == B, "those of the paper"
     assert planners["baseline_tuned"].settings == evaluate.TUNED["pymunk"] != B
     capsys.readouterr()
-    policies = [save_untrained(Path(name), imu="imu" in name, steps=steps) for steps, name in
-                enumerate(("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt"))]
+    policies = [
+        save_untrained(Path(name), imu="imu" in name, steps=steps)
+        for steps, name in enumerate(("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt"))
+    ]
     mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
     planners, facts = evaluate.choose_planners("pymunk", policies, mine)
-    assert list(planners) == ["policy", "a/policy", "imu/policy", "seed_1", "mine", "b/mine",
-                              "b/baseline", "baseline_tuned", "baseline"], (
-        "the first policy, then every file's name, with its folder where the name is taken")
+    assert list(planners) == [
+        "policy",
+        "a/policy",
+        "imu/policy",
+        "seed_1",
+        "mine",
+        "b/mine",
+        "b/baseline",
+        "baseline_tuned",
+        "baseline",
+    ], "the first policy, then every file's name, with its folder where the name is taken"
     assert facts["file"] == "first.pt", "with --policy the shipped one is not added"
     assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
     second = capsys.readouterr().out.splitlines()[1]
     assert second.startswith("a/policy") and "1 double steps" in second, "say which file is judged"
 
-@pytest.mark.parametrize("flags, mention", [
-    (["--policy", "missing.pt"], "missing.pt: no such file"),
-    (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
-    (["--policy", "other.pt"], "other.pt: made for another robot, walk or task: simulator is mujoco"
-                               " in the file, but pymunk here; try with --mujoco"),
-    (["--policy", "results/pymunk/policy.pt", "other.pt"], "simulator is mujoco"),
-    (["--planner", "missing.py"], "missing.py: no such file"),
-    (["--planner", "text.py"], "text.py: defines no class Planner"),
-    (["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
-     "c/b/mine.py: two planners are called b/mine"),
-    (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are")],
-    ids=str)
+
+@pytest.mark.parametrize(
+    "flags, mention",
+    [
+        (["--policy", "missing.pt"], "missing.pt: no such file"),
+        (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
+        (
+            ["--policy", "other.pt"],
+            "other.pt: made for another robot, walk or task: simulator is mujoco"
+            " in the file, but pymunk here; try with --mujoco",
+        ),
+        (["--policy", "results/pymunk/policy.pt", "other.pt"], "simulator is mujoco"),
+        (["--planner", "missing.py"], "missing.py: no such file"),
+        (["--planner", "text.py"], "text.py: defines no class Planner"),
+        (
+            ["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
+            "c/b/mine.py: two planners are called b/mine",
+        ),
+        (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
+    ],
+    ids=str,
+)
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
     Path("text.py").write_text("class Other: pass")
@@ -580,15 +762,22 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, men
         own_planner(name)
     assert mention.replace("/", os.sep) in refused(capsys, *flags).replace("/", os.sep)
 
-@pytest.mark.parametrize("line, rule", [
-    ("return actions[:1]", r"of shape \(2, 6\)"), ("return None", r"of shape \(2, 6\)"),
-    ("actions[1, 2] = np.nan", "must be finite"),
-    ("actions[0, 0] = 1.01", "must lie between 0 and 1"),
-    ("actions[0, 0] = -0.01", "must lie between 0 and 1")])
+
+@pytest.mark.parametrize(
+    "line, rule",
+    [
+        ("return actions[:1]", r"of shape \(2, 6\)"),
+        ("return None", r"of shape \(2, 6\)"),
+        ("actions[1, 2] = np.nan", "must be finite"),
+        ("actions[0, 0] = 1.01", "must lie between 0 and 1"),
+        ("actions[0, 0] = -0.01", "must lie between 0 and 1"),
+    ],
+)
 def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, line, rule):
     planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", line))
     with pytest.raises(ValueError, match=f"mine.py: actions .*{rule}"):
         evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
+
 
 @pytest.mark.parametrize("error", ["KeyError", "OSError", "ValueError", "SystemError"])
 def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
@@ -602,12 +791,22 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     with pytest.raises(FileNotFoundError, match="of mine"):  # it is no bad file
         call("--planner", path)
 
+
 def test_from_a_policy_file_to_the_table(short_trials, capsys):
     second = save_untrained(Path("second.pt"))
     own_planner("mine.py", "actions[:, [0, 3]] += 0.3")  # it walks past the second goal
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.12,0,0\n")
-    content = call("--goals", "goals.csv", "--friction", 0.4, "--planner", "mine.py",
-                   "--policy", "results/pymunk/policy.pt", second)
+    content = call(
+        "--goals",
+        "goals.csv",
+        "--friction",
+        0.4,
+        "--planner",
+        "mine.py",
+        "--policy",
+        "results/pymunk/policy.pt",
+        second,
+    )
     table = Path("out/table.md").read_text(encoding="utf-8")
     assert table in capsys.readouterr().out
     assert "paper" not in table, "the paper's rows are about its goals, not about yours"
@@ -618,13 +817,17 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]
     assert [(row["planner"], row["noise"]) for row in content["rows"]] == [
-        (name, False) for name in names]
+        (name, False) for name in names
+    ]
     head, *lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()
-    assert head == ("planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
-                    "reached_once,time_once")
+    assert head == (
+        "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
+        "reached_once,time_once"
+    )
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     assert lines[0] == f"policy,no,,0,0,0.0,0.0,0.0,0.4,success,{once},2,yes,yes,{once}"
     assert lines[5] == f"mine,no,,0,1,0.12,0.0,0.0,0.4,timeout,{late},3,no,yes,{once}"
+
 
 def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, monkeypatch):
     pushes, evaluated = [], evaluate.evaluate
@@ -638,11 +841,13 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
     assert pushes == [0.3] * 12 + [0.0] * 3, "twelve rows of the table, three walks of a figure"
     names = ["policy", "baseline_tuned", "baseline"]
     assert [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]] == [
-        *itertools.product((0.5, 1.0), (False, True), names)], "far goals: a block of their own"
+        *itertools.product((0.5, 1.0), (False, True), names)
+    ], "far goals: a block of their own"
     assert [content[name] for name in ("seed", "friction", "push")] == [6, 0.4, 0.3]
     lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()[1:]
     assert len(lines) == 2 * len(content["rows"])
     assert {(line.split(",")[3], line.split(",")[8]) for line in lines} == {("6", "0.4")}
+
 
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials):
@@ -657,11 +862,12 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
             frames.append(np.array(picture.convert("RGB"), np.int16))  # [height, width, 3]
             seconds.append(picture.info["duration"] / 1000)
     changed = (np.abs(np.diff(frames, axis=0)).max(-1) > 60).mean((1, 2))
-    moved, = np.nonzero(changed > 0.001)  # less is dithering
+    (moved,) = np.nonzero(changed > 0.001)  # less is dithering
     assert len(moved) > 6, "the robot stands still in the film"
     walk = sum(seconds[: moved[-1] + 1])
     assert walk == pytest.approx(1.5 * PERIOD, abs=0.15), "three double steps, twice as fast"
     assert sum(seconds) > walk + 1, "the end stays for a while"
+
 
 @pytest.fixture
 def window(monkeypatch):
@@ -679,13 +885,15 @@ def window(monkeypatch):
     monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: next(left))
     return figure, mouse, partial(do, KeyEvent, "key_press_event")
 
+
 def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatch):
     world, worlds, (figure, mouse, key) = env.FootstepWorld(1), [], window
     step, gain = world.step, world.engine.parameters.reflex
 
     def keys_did(push, reflex):
         assert (bool(world.push_chance), world.engine.parameters.reflex) == (push, reflex), (
-            "space is one push, r switches the reflex off and on again")
+            "space is one push, r switches the reflex off and on again"
+        )
 
     def goal_is(x, y, yaw, hint):
         close(world.goal[0], [x, y, yaw], atol=1e-3, err_msg=hint)
@@ -708,13 +916,20 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatc
         keys_did(False, gain)
         turned = world.pose[0, 2]
         assert turned > 0.1, "this test's robot should have turned"
-        for name, *place in (("press", -0.2, 0.1), ("release", -0.2, 0.1), ("press", 9.0, 9.0),
-                             ("release", 9.0, 1.0)):
+        for name, *place in (
+            ("press", -0.2, 0.1),
+            ("release", -0.2, 0.1),
+            ("press", 9.0, 9.0),
+            ("release", 9.0, 1.0),
+        ):
             mouse(name, *place)
         goal_is(-0.2, 0.1, turned, "a click: as it is turned now; outside of the map: nothing")
         assert world.steps[0] == 3, "it walks in one go"
-        monkeypatch.setattr(world, "step", lambda actions, robots: (
-            step(actions, robots) | {"fall": np.array([True])}))
+        monkeypatch.setattr(
+            world,
+            "step",
+            lambda actions, robots: step(actions, robots) | {"fall": np.array([True])},
+        )
         yield
         assert world.steps[0] == 0, "after a fall it begins anew"
         assert np.isnan(planner.velocity).all(), "and so does the planner"

@@ -10,15 +10,18 @@ exercise = import_module("beta")  # tests/exercises/beta.py, or a student's
 close = np.testing.assert_allclose
 SHAPES = [(1.0, 1.0), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0), (1.0, 3.0)]
 
+
 def some_shapes():
     """α and β of four times three variables, and their distribution by PyTorch."""
     torch.manual_seed(0)
     a, b = 1 + 5 * torch.rand(2, 4, 3, dtype=torch.float64)
     return a, b, torch.distributions.Beta(a, b)
 
+
 @pytest.fixture
 def alone(monkeypatch):
     """PyTorch's own distributions are the judge, not the solution."""
+
     def refuse(*_):
         pytest.fail("write the formula out: torch.distributions is the judge")
 
@@ -27,6 +30,7 @@ def alone(monkeypatch):
             monkeypatch.setattr(kind, name, refuse)
         monkeypatch.setattr(kind, "mode", property(refuse))
 
+
 @pytest.mark.parametrize("a, b", SHAPES)
 def test_beta_density_integrates_to_one(alone, a, b):
     x = torch.linspace(0, 1, 20_001, dtype=torch.float64)[1:-1, None]
@@ -34,28 +38,47 @@ def test_beta_density_integrates_to_one(alone, a, b):
     assert log_p.shape == x.shape[:1], "a number for each row of variables: SUM over axis −1"
     area = log_p.exp().sum().item() / 20_000
     assert area == pytest.approx(1.0, abs=2e-3), (
-        "the area below p(x) must be 1: is ln B(α, β) wrong, or is its sign, or a term?")
+        "the area below p(x) must be 1: is ln B(α, β) wrong, or is its sign, or a term?"
+    )
+
 
 def test_beta_log_prob_sums_over_the_variables():
     a, b, truth = some_shapes()
     x = torch.linspace(0.05, 0.95, 12, dtype=torch.float64).reshape(4, 3)
     got = exercise.beta_log_prob(x, a, b)
     assert got.shape == (4,), "one number for all k variables of a row: their SUM over axis −1"
-    close(got, truth.log_prob(x).sum(-1), rtol=1e-5, atol=1e-5, err_msg=(
-        "ln p of independent variables is the SUM (not the mean) of theirs: (α−1)·ln x + "
-        "(β−1)·ln(1−x) − ln B(α, β); are α and β, x and 1 − x in their places?"))
+    close(
+        got,
+        truth.log_prob(x).sum(-1),
+        rtol=1e-5,
+        atol=1e-5,
+        err_msg=(
+            "ln p of independent variables is the SUM (not the mean) of theirs: (α−1)·ln x + "
+            "(β−1)·ln(1−x) − ln B(α, β); are α and β, x and 1 − x in their places?"
+        ),
+    )
+
 
 def test_beta_entropy_sums_over_the_variables():
     a, b, truth = some_shapes()
     got = exercise.beta_entropy(a, b)
     assert got.shape == (4,), "one number for all k variables of a row: their SUM over axis −1"
-    close(got, truth.entropy().sum(-1), rtol=1e-5, atol=1e-5, err_msg=(
-        "compare every sign with the equation; ψ is the DIgamma function, the derivative of "
-        "ln Γ, and the last factor is α + β − 2"))
+    close(
+        got,
+        truth.entropy().sum(-1),
+        rtol=1e-5,
+        atol=1e-5,
+        err_msg=(
+            "compare every sign with the equation; ψ is the DIgamma function, the derivative of "
+            "ln Γ, and the last factor is α + β − 2"
+        ),
+    )
+
 
 def test_beta_entropy_of_the_uniform_distribution_is_zero(alone):
     flat = torch.ones(1, 1, dtype=torch.float64)
     assert abs(exercise.beta_entropy(flat, flat).item()) < 1e-6, "uniform: the entropy is 0"
+
 
 @pytest.mark.parametrize("a, b", SHAPES[1:])
 def test_beta_mode_is_where_the_density_is_largest(a, b):
@@ -63,10 +86,15 @@ def test_beta_mode_is_where_the_density_is_largest(a, b):
     a, b = torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)
     best = x[torch.distributions.Beta(a, b).log_prob(x).argmax()].item()
     assert exercise.beta_mode(a, b).item() == pytest.approx(best, abs=2e-4), (
-        "mode = (α−1)/(α+β−2): α belongs to x, β to 1 − x; α/(α+β) would be the mean")
+        "mode = (α−1)/(α+β−2): α belongs to x, β to 1 − x; α/(α+β) would be the mean"
+    )
+
 
 def test_beta_mode_stays_inside_where_the_formula_is_nearly_zero_by_zero(alone):
     tiny = np.float32(2.0**-23)
     a, b = torch.tensor([1.0, 1.0 + tiny, 1.0]), torch.tensor([1.0, 1.0, 1.0 + tiny])
-    close(exercise.beta_mode(a, b), [0.5, 1.0, 0.0], err_msg=(
-        "α + β − 2 loses the digits that α − 1 and β − 1 still have; and 0/0 is 0.5 here"))
+    close(
+        exercise.beta_mode(a, b),
+        [0.5, 1.0, 0.0],
+        err_msg=("α + β − 2 loses the digits that α − 1 and β − 1 still have; and 0/0 is 0.5 here"),
+    )

@@ -18,11 +18,14 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ROOT = Path(__file__).resolve().parents[1]
 EXTREME = {
-    "no friction": {"friction": 0.0}, "friction 2": {"friction": 2.0},
+    "no friction": {"friction": 0.0},
+    "friction 2": {"friction": 2.0},
     "no motors": {"torque_limit": (0.1,) * 6},
     "stiff": {"stiffness": 6000.0, "planar_gain": 800.0},
-    "no gravity": {"gravity": 0.0}, "coarse time": {"control_dt": 0.04},
+    "no gravity": {"gravity": 0.0},
+    "coarse time": {"control_dt": 0.04},
 }
+
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
@@ -41,6 +44,7 @@ def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp
     assert capfd.readouterr() == ("", ""), "a simulator wrote to the terminal"
     assert not list(tmp_path.iterdir()), "a simulator wrote a file"
 
+
 def test_any_console_is_enough(monkeypatch):
     """A pipe on Windows has few letters. A notebook has no encoding; pythonw has no stderr."""
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), "ascii"))
@@ -50,6 +54,7 @@ def test_any_console_is_enough(monkeypatch):
     monkeypatch.setattr(sys, "stdout", io.StringIO())
     monkeypatch.setattr(sys, "stderr", None)
     assert robot_model.StageParser("").parse([]).sim == "pymunk"
+
 
 def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
     errors = [KeyboardInterrupt(), BrokenProcessPool("a process died"), FileNotFoundError()]
@@ -64,6 +69,7 @@ def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
         assert (stopped.value.code, capsys.readouterr().err) == (2, f"\nstage.py: {said}\n")
     with pytest.raises(FileNotFoundError):  # an error of somebody's code keeps its traceback
         robot_model.run(main)
+
 
 def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed(tmp_path, monkeypatch):
     script = tmp_path / "mine.py"
@@ -83,6 +89,7 @@ def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed(tmp_path,
     with pytest.raises(RuntimeError, match="shutdown"):
         envs.step(np.full((2, 6), 0.5))
 
+
 def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
     """Each has temporary files of its own; test_ppo has a training that is killed."""
     path = tmp_path / "policy.pt"
@@ -94,6 +101,7 @@ def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
 
     robot_model.atomic_write(path, first)
     assert path.read_text() == "first", "who is last wins, and the file is whole"
+
 
 def test_results_are_json_without_nan():
     for path in (ROOT / "results").rglob("*.json"):

@@ -1,5 +1,4 @@
-"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`, `build.gae`.
-"""
+"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`, `build.gae`."""
 
 import re
 from importlib import import_module
@@ -15,11 +14,15 @@ TEXT = {page: (TESTS / "exercises" / page).read_text(encoding="utf-8") for page 
 STAGES = {path.stem[:2]: path.stem for path in TESTS.parent.glob("0*.py")}
 STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark")
 HEADING = re.compile(r"^## (\w+):", re.MULTILINE)  # "## lean: At which lean …"
-EXERCISES = {"build": list(BOOK), "predict": HEADING.findall(TEXT["predict.md"]),
-             "debug": HEADING.findall(TEXT["debug.md"])}
+EXERCISES = {
+    "build": list(BOOK),
+    "predict": HEADING.findall(TEXT["predict.md"]),
+    "debug": HEADING.findall(TEXT["debug.md"]),
+}
 WITH_A_DOT = "|".join([*EXERCISES, *STUDIES])  # `search` alone is a planner
 NAME = re.compile(rf"`(0\d|test_\w+|(?:{WITH_A_DOT})(?=\.))((?:\.\w+)*)`")
 LEDGER = [line for line in TEXT["ledger.md"].splitlines() if line.startswith("|")]
+
 
 def exists(place, path):
     """Is there a thing like 03.polar? place "03", path ["polar"]."""
@@ -38,14 +41,22 @@ def exists(place, path):
         thing = settings.get(part) or getattr(thing, part, None)
     return thing is not None
 
+
 @pytest.mark.parametrize("page", PAGES)
 def test_everything_that_is_named_exists(page):
-    found = [(number, place, rest) for number, line in enumerate(TEXT[page].splitlines(), 1)
-             for place, rest in NAME.findall(line)]
-    wrong = [f"tests/exercises/{page}, line {number}: there is no `{place}{rest}`"
-             for number, place, rest in found if not exists(place, rest.split(".")[1:])]
+    found = [
+        (number, place, rest)
+        for number, line in enumerate(TEXT[page].splitlines(), 1)
+        for place, rest in NAME.findall(line)
+    ]
+    wrong = [
+        f"tests/exercises/{page}, line {number}: there is no `{place}{rest}`"
+        for number, place, rest in found
+        if not exists(place, rest.split(".")[1:])
+    ]
     assert not wrong, "\n".join(wrong)
     assert len(found) > 3, f"{page} names nothing: has its notation changed?"
+
 
 def test_every_row_of_the_ledger_has_a_verdict():
     assert len(LEDGER) > 50, "the ledger is one table"
@@ -57,17 +68,35 @@ def test_every_row_of_the_ledger_has_a_verdict():
             assert NAME.search(cells[2]), f"who implements it? {line}"
             assert NAME.search(cells[3]), f"who tests it? {line}"
 
+
 def test_the_ledger_leaves_out_no_part_of_the_paper():
-    parts = ["I", "II a", "II b", "II c", "II d", "II e", "III", "IV", "(1)", "Table I", "Table II",
-             "Fig. 1", "Fig. 2", "Fig. 3", *(f"[{number}]" for number in range(3, 11))]
+    parts = [
+        "I",
+        "II a",
+        "II b",
+        "II c",
+        "II d",
+        "II e",
+        "III",
+        "IV",
+        "(1)",
+        "Table I",
+        "Table II",
+        "Fig. 1",
+        "Fig. 2",
+        "Fig. 3",
+        *(f"[{number}]" for number in range(3, 11)),
+    ]
     for part in parts:
         found = [line for line in LEDGER if re.search(rf"(^| ){re.escape(part)}( |,|$)", line)]
         assert found, f"where is {part}?"
+
 
 @pytest.mark.parametrize("kind", EXERCISES)
 def test_every_exercise_belongs_to_a_lesson(kind):
     absent = [name for name in EXERCISES[kind] if f"`{kind}.{name}`" not in TEXT["course.md"]]
     assert not absent, f"in which lesson is {kind}.{absent} done?"
+
 
 @pytest.mark.parametrize("name", ["circle", "sharpness"])
 def test_the_quick_experiments_print_what_is_told(name, capsys):
@@ -75,10 +104,12 @@ def test_the_quick_experiments_print_what_is_told(name, capsys):
     for line in capsys.readouterr().out.splitlines():
         assert line.strip() in TEXT["predict.md"], f"predict.md does not show {line!r}"
 
+
 @pytest.mark.parametrize("name", ["foot_rise", "double_support"])
 def test_predictions_were_measured_with_the_walk_that_is_used(name):
     tuned = getattr(import_module("02_walk_engine").TUNED["mujoco"], name)
     assert f"| {tuned}, tuned |" in TEXT["predict.md"], f"{name} is {tuned}: measure it anew"
+
 
 def test_the_field_of_the_contest_is_that_of_the_shipped_walks():
     judge = import_module("judge")

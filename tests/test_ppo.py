@@ -22,8 +22,18 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
 SMALL = ppo.PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
 EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
-COLUMNS = ("steps", "minutes", *EPISODES, "entropy", "clip_fraction", "approx_kl",
-           "explained_variance", "value_loss", "learning_rate")  # of learning_curve.csv
+COLUMNS = (
+    "steps",
+    "minutes",
+    *EPISODES,
+    "entropy",
+    "clip_fraction",
+    "approx_kl",
+    "explained_variance",
+    "value_loss",
+    "learning_rate",
+)  # of learning_curve.csv
+
 
 def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
     """A_t = Σ_l (γλ)^l δ_{t+l}, written as the double sum, for one environment."""
@@ -36,6 +46,7 @@ def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
                 break
     return advantages
 
+
 @pytest.mark.parametrize("lam", [0.0, 0.95, 1.0])
 def test_gae_equals_the_double_sum(lam):
     rng = np.random.default_rng(0)
@@ -45,17 +56,33 @@ def test_gae_equals_the_double_sum(lam):
     assert (terminated & truncated).any(), "the test should contain steps that are both"
     never = np.zeros((steps, robots), bool)
     for rows, fall, cut, hint in (
-            (1, never, never, "a single step: A = δ = r + γ·V(s') − V(s), not the critic's target, "
-                              "which is without minus V(s), and not normalised"),
-            (steps, never, never, "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
-                                  "backward; V(s'_t) is next_values[t]"),
-            (steps, terminated, truncated, "does a fall zero V(s'), and do a fall AND a cut-off "
-                                           "both stop the λ-sum?")):
+        (
+            1,
+            never,
+            never,
+            "a single step: A = δ = r + γ·V(s') − V(s), not the critic's target, "
+            "which is without minus V(s), and not normalised",
+        ),
+        (
+            steps,
+            never,
+            never,
+            "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
+            "backward; V(s'_t) is next_values[t]",
+        ),
+        (
+            steps,
+            terminated,
+            truncated,
+            "does a fall zero V(s'), and do a fall AND a cut-off both stop the λ-sum?",
+        ),
+    ):
         told = [x[:rows] for x in (r, v, v_next, fall, cut)]  # [rows, robots] each
         got = ppo.gae(*map(torch.tensor, told), gamma, lam)
         for i in range(robots):
             want = brute_force_advantages(*(x[:, i] for x in told), gamma, lam)
             close(got[:, i], want, rtol=1e-5, atol=1e-5, err_msg=hint)
+
 
 def test_gae_never_looks_at_the_value_behind_a_fall():
     one = torch.ones(1, 1)
@@ -64,24 +91,42 @@ def test_gae_never_looks_at_the_value_behind_a_fall():
     assert not math.isnan(advantage), "0·nan is nan: select with torch.where instead of multiplying"
     assert advantage == pytest.approx(0), "a fall at once, r = 1 and V(s) = 1: A = r − V(s) = 0"
 
+
 def test_clipped_objective_truth_table():
     table = [  # ratio, advantage, what may be gained with ε = 0.2
-        (1.0, 2.0, 2.0), (1.5, 2.0, 2.4), (0.5, 2.0, 1.0),
-        (1.0, -2.0, -2.0), (1.5, -2.0, -3.0), (0.5, -2.0, -1.6)]
+        (1.0, 2.0, 2.0),
+        (1.5, 2.0, 2.4),
+        (0.5, 2.0, 1.0),
+        (1.0, -2.0, -2.0),
+        (1.5, -2.0, -3.0),
+        (0.5, -2.0, -1.6),
+    ]
     ratio, advantage, want = torch.tensor(table).T
     got = ppo.clipped_objective(ratio.requires_grad_(), advantage, 0.2)
     assert got.shape == (6,), "a number per sample: the mean is taken later"
     assert not torch.allclose(got, -want), (
-        "at ρ = 1 the objective is A itself: is there a minus too many?")
-    close(got.detach(), want, rtol=1e-5, err_msg=(
-        "take the minimum of both products; clipping the ratio alone forgives bad moves "
-        f"(for {table})"))
+        "at ρ = 1 the objective is A itself: is there a minus too many?"
+    )
+    close(
+        got.detach(),
+        want,
+        rtol=1e-5,
+        err_msg=(
+            "take the minimum of both products; clipping the ratio alone forgives bad moves "
+            f"(for {table})"
+        ),
+    )
     assert got.requires_grad, "no gradient comes through: neither detach nor NumPy"
     got.sum().backward()
-    close(ratio.grad, [2, 0, 2, -2, -2, 0], err_msg=(
-        "the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε"))
+    close(
+        ratio.grad,
+        [2, 0, 2, -2, -2, 0],
+        err_msg=("the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε"),
+    )
     assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
-        "ε is the argument `clip`, not always 0.2")
+        "ε is the argument `clip`, not always 0.2"
+    )
+
 
 def model_with(alpha, beta):
     """A model in double precision whose policy is Beta(α, β), two arrays [k], whatever it sees."""
@@ -91,6 +136,7 @@ def model_with(alpha, beta):
     model.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
     return model
 
+
 def density(model, points):
     """p(x) of the model's policy at the points [..., act], in double precision."""
     with torch.no_grad():
@@ -98,25 +144,43 @@ def density(model, points):
     assert log_prob.shape == points.shape[:-1], "one log-probability for all numbers of an action"
     return log_prob.exp().numpy()
 
+
 SHAPES = [(1.2, 1.2), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0)]
 GRID = (np.arange(20_000) + 0.5) / 20_000  # the middles of strips of [0, 1]
+
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
     x, model = GRID[[100, 7_000, 19_000]], model_with([alpha], [beta])
     for model.sharpness in (1.0, 3.5):
         a, b = (1 + model.sharpness * (number - 1) for number in (alpha, beta))
-        log_p = ((a - 1) * np.log(x) + (b - 1) * np.log(1 - x)
-                 + math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b))
-        close(density(model, x[:, None]), np.exp(log_p), rtol=1e-9, err_msg=(
-            "of p^k: 1 + k·(α − 1) and 1 + k·(β − 1), not k·α and k·β"))
+        log_p = (
+            (a - 1) * np.log(x)
+            + (b - 1) * np.log(1 - x)
+            + math.lgamma(a + b)
+            - math.lgamma(a)
+            - math.lgamma(b)
+        )
+        close(
+            density(model, x[:, None]),
+            np.exp(log_p),
+            rtol=1e-9,
+            err_msg=("of p^k: 1 + k·(α − 1) and 1 + k·(β − 1), not k·α and k·β"),
+        )
+
 
 def test_joint_log_prob_is_that_of_independent_numbers():
     x = np.random.default_rng(0).uniform(0.05, 0.95, (100, 2))
     first = density(model_with([2.0], [4.0]), x[:, :1])
     second = density(model_with([3.0], [1.5]), x[:, 1:])
-    close(density(model_with([2.0, 3.0], [4.0, 1.5]), x), first * second, err_msg=(
-        "the SUM of log-probabilities (not the mean); the first number has the first α and β"))
+    close(
+        density(model_with([2.0, 3.0], [4.0, 1.5]), x),
+        first * second,
+        err_msg=(
+            "the SUM of log-probabilities (not the mean); the first number has the first α and β"
+        ),
+    )
+
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_the_decision_is_the_mean(alpha, beta):
@@ -127,6 +191,7 @@ def test_the_decision_is_the_mean(alpha, beta):
         close(decided, mean, atol=2e-3, err_msg="∫ x·p(x) = α/(α+β), not (α−1)/(α+β−2), the mode")
         model.double()
 
+
 def test_first_policy_is_around_first_action():
     obs = np.random.default_rng(0).normal(size=(100, 4))
     torch.manual_seed(0)
@@ -136,20 +201,32 @@ def test_first_policy_is_around_first_action():
         assert decided.shape == (100, 3) and decided.dtype == np.float32
         with torch.no_grad():
             mode = model.policy(torch.tensor(obs, dtype=torch.float32)).mode
-        close(mode, np.broadcast_to(first, (100, 3)), atol=0.02, err_msg=(
-            "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights "
-            f"small (for first_action = {first})"))
+        close(
+            mode,
+            np.broadcast_to(first, (100, 3)),
+            atol=0.02,
+            err_msg=(
+                "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights "
+                f"small (for first_action = {first})"
+            ),
+        )
     for concentration in (3.0, 10.0, 50.0):
         model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
         with torch.no_grad():
             pi = model.policy(torch.tensor(obs, dtype=torch.float32))
         # Var = m·(1 − m) / (α + β + 1) at the mean m
         total = pi.mean * (1 - pi.mean) / pi.variance - 1
-        close(total, concentration, rtol=0.05, err_msg=(
-            "α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"))
+        close(
+            total,
+            concentration,
+            rtol=0.05,
+            err_msg=("α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"),
+        )
     corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
     assert torch.isfinite(corner.actor[-1].bias).all(), (
-        "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99")
+        "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
+    )
+
 
 def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     model = model_with([2.0, 30.0], [5.0, 10.0]).float()
@@ -159,6 +236,7 @@ def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     close(x.mean(0), [2 / 7, 30 / 40], atol=0.01)
     close(x.var(0), [10 / (49 * 8), 300 / (1600 * 41)], rtol=0.1)
     assert model.value(torch.zeros(4, 7, 1)).shape == (4, 7), "V(s) is one number: squeeze(-1)"
+
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
     torch.manual_seed(0)
@@ -172,6 +250,7 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
             assert torch.isfinite(got).all(), f"for {raw}: keep α and β within bounds"
         pi.log_prob(x).sum().backward()
         assert all(torch.isfinite(p.grad).all() for p in model.actor.parameters()), "gradient"
+
 
 class Probe(gym.vector.VectorEnv):
     """first(rng, n) -> obs [n, 1]; play(obs, action) -> next obs, reward, terminated, truncated."""
@@ -197,63 +276,87 @@ class Probe(gym.vector.VectorEnv):
         self.obs[:] = np.where(done[:, None], self.first(self.rng, self.num_envs), after)
         return self.obs, reward, terminated, truncated, infos
 
+
 def either(rng, n):  # first observation: 0 or 1
     return rng.integers(0, 2, (n, 1)).astype(np.float32)
+
 
 def zero(rng, n):
     return np.zeros((n, 1), np.float32)
 
+
 def paid(reward):
     """A world of single steps, each with the reward(obs, action) [n] and a fall."""
+
     def play(obs, action):
         yes = np.ones(len(obs), bool)
         return obs, reward(obs[:, 0], action[:, 0]), yes, ~yes
+
     return play
 
+
 constant = paid(lambda obs, action: np.ones(len(obs)))
+
 
 def learn(first, play, folder, updates=15, cfg=SMALL):
     """The model and its log after so many updates in a probe world."""
     steps = round(updates * cfg.num_envs * cfg.rollout)
     return ppo.train(cfg, lambda n: Probe(n, first, play), folder, steps)
 
+
 def value(model, obs):
     return model.value(torch.tensor([[float(obs)]])).item()
+
 
 def test_constant_reward_is_learned_as_the_value(tmp_path):
     model, _ = learn(zero, constant, tmp_path)
     assert value(model, 0) == pytest.approx(1.0, abs=0.1), (
-        "one step, reward 1, then a fall: V = 1. The critic does not learn, or looks behind a fall")
+        "one step, reward 1, then a fall: V = 1. The critic does not learn, or looks behind a fall"
+    )
+
 
 def test_reward_two_steps_ahead_is_discounted_once(tmp_path):
     def play(obs, action):  # 0 -> 1 (reward 0), 1 -> end (reward 1)
         end = obs[:, 0] == 1
         return np.ones_like(obs), end.astype(float), end, np.zeros(len(obs), bool)
+
     model, _ = learn(zero, play, tmp_path)
     assert value(model, 1) == pytest.approx(1.0, abs=0.1)
     assert value(model, 0) == pytest.approx(0.5, abs=0.1), "V(0) = γ·V(1) with γ = 0.5"
+
 
 def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_path):
     def play(obs, action):  # from 0: cut off at observation 1; from 1: fall with reward 1
         fall = obs[:, 0] == 1
         return np.ones_like(obs), fall.astype(float), fall, ~fall
+
     v = value(learn(either, play, tmp_path)[0], 0)
     assert v == pytest.approx(0.5, abs=0.07), (
-        f"V(0) = {v:.2f}, not 0.50. 0.00: as after a fall; 0.33: V of the NEXT episode's first one")
+        f"V(0) = {v:.2f}, not 0.50. 0.00: as after a fall; 0.33: V of the NEXT episode's first one"
+    )
+
 
 def test_action_goes_to_the_target_of_its_observation(tmp_path):
     play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
     model, _ = learn(either, play, tmp_path)
     best = model.decide(np.array([[0.0], [1.0]]))[:, 0]
-    close(best, [0.25, 0.75], atol=0.08, err_msg=(
-        "do observation, action and advantage still belong together after shuffling? Near 1 and "
-        "0: the sign of the objective is wrong"))
+    close(
+        best,
+        [0.25, 0.75],
+        atol=0.08,
+        err_msg=(
+            "do observation, action and advantage still belong together after shuffling? Near 1 and "
+            "0: the sign of the objective is wrong"
+        ),
+    )
+
 
 def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
     with pytest.raises(FloatingPointError, match="not finite") as caught:
         learn(zero, paid(lambda obs, action: math.nan * obs), tmp_path, updates=2)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
+
 
 def test_collected_observations_are_followed_by_what_really_followed():
     def first(rng, n):
@@ -273,23 +376,46 @@ def test_collected_observations_are_followed_by_what_really_followed():
     assert data["truncated"].sum(0).tolist() == [0, 3, 3], "a cut-off each three steps"
     equal(data["obs"][0], begin, err_msg="copy what you want to keep")
     equal(data["next_obs"][-1], last, err_msg="obs to go on from")
-    close(data["next_obs"] - data["obs"], 1, atol=1e-5, err_msg=(
-        "behind an end next_obs is the last observation of the OLD episode (final_obs), a copy"))
+    close(
+        data["next_obs"] - data["obs"],
+        1,
+        atol=1e-5,
+        err_msg=(
+            "behind an end next_obs is the last observation of the OLD episode (final_obs), a copy"
+        ),
+    )
     goes_on = ~(data["terminated"] | data["truncated"])[:-1]
     equal(data["next_obs"][:-1][goes_on], data["obs"][1:][goes_on])
     equal(data["reward"], data["next_obs"][..., 0])
+
 
 def test_episode_means_count_ended_episodes_only():
     nothing = ppo.episode_means([{}, {}])
     assert set(nothing) == set(EPISODES) and all(math.isnan(mean) for mean in nothing.values())
     yes_no = np.array([True, False])
-    infos = [{}, {"_episode": np.array([True, True]),
-                  "episode": {"r": np.array([3.0, -1.0]), "l": np.array([10, 20])},
-                  "final_info": {"success": yes_no, "fall": ~yes_no, "timeout": yes_no & ~yes_no,
-                                 "time": np.array([6.0, 99.0])}},
-             {"_episode": yes_no, "episode": {"r": np.array([1.0, 0.0]), "l": np.array([30, 0])},
-              "final_info": {"success": ~yes_no, "fall": ~yes_no, "timeout": yes_no,
-                             "time": np.array([100.0, 0.0])}}]
+    infos = [
+        {},
+        {
+            "_episode": np.array([True, True]),
+            "episode": {"r": np.array([3.0, -1.0]), "l": np.array([10, 20])},
+            "final_info": {
+                "success": yes_no,
+                "fall": ~yes_no,
+                "timeout": yes_no & ~yes_no,
+                "time": np.array([6.0, 99.0]),
+            },
+        },
+        {
+            "_episode": yes_no,
+            "episode": {"r": np.array([1.0, 0.0]), "l": np.array([30, 0])},
+            "final_info": {
+                "success": ~yes_no,
+                "fall": ~yes_no,
+                "timeout": yes_no,
+                "time": np.array([100.0, 0.0]),
+            },
+        },
+    ]
     got = ppo.episode_means(infos)
     assert got["return"] == pytest.approx(1.0), "mean of 3, −1 and 1: the fourth has not ended"
     assert got["length"] == pytest.approx(20.0)
@@ -297,20 +423,27 @@ def test_episode_means_count_ended_episodes_only():
     assert got["time"] == pytest.approx(6.0), "the time counts only where the goal was reached"
     assert math.isnan(ppo.episode_means(infos[2:])["time"]), "no success: nan, not 0"
 
+
 def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
     """Invented data [T, N, …] with actions of this model."""
     generator = torch.Generator().manual_seed(1)
     obs = torch.randn(steps, robots, 3, generator=generator)
     dice = torch.rand(2, steps, robots, generator=generator)
     torch.manual_seed(2)
-    return {"obs": obs, "action": model.sample(obs),
-            "next_obs": torch.randn(steps, robots, 3, generator=generator),
-            "reward": scale * torch.randn(steps, robots, generator=generator) + shift,
-            "terminated": dice[0] < 0.1, "truncated": dice[1] < 0.1}
+    return {
+        "obs": obs,
+        "action": model.sample(obs),
+        "next_obs": torch.randn(steps, robots, 3, generator=generator),
+        "reward": scale * torch.randn(steps, robots, generator=generator) + shift,
+        "terminated": dice[0] < 0.1,
+        "truncated": dice[1] < 0.1,
+    }
+
 
 def fresh_model():
     torch.manual_seed(0)
     return ppo.ActorCritic(3, 2)
+
 
 def test_numbers_to_watch_are_those_at_the_end_of_the_update():
     cfg = ppo.PPOConfig(minibatch=32, epochs=4, gamma=0.9, reward_scale=0.7)
@@ -321,23 +454,29 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
     with torch.no_grad():
         v, v_next = old.value(data["obs"]), old.value(data["next_obs"])
         told = 0.7 * data["reward"], v, v_next, data["terminated"], data["truncated"]
-        columns = [brute_force_advantages(*(x[:, i].tolist() for x in told), cfg.gamma, cfg.lam)
-                   for i in range(v.shape[1])]
+        columns = [
+            brute_force_advantages(*(x[:, i].tolist() for x in told), cfg.gamma, cfg.lam)
+            for i in range(v.shape[1])
+        ]
         target = v + torch.tensor(np.transpose(columns))  # A_t + V(s_t)
         before, after = (m.policy(data["obs"]).log_prob(data["action"]) for m in (old, model))
         ratio = (after - before).exp()
-        want = {"entropy": old.policy(data["obs"]).entropy().mean(),
-                "clip_fraction": ((ratio < 1 - cfg.clip) | (ratio > 1 + cfg.clip)).float().mean(),
-                "approx_kl": (ratio - 1 - (after - before)).mean(),
-                "explained_variance": 1 - (target - v).var() / target.var(),
-                "value_loss": ((model.value(data["obs"]) - target) ** 2).mean()}
+        want = {
+            "entropy": old.policy(data["obs"]).entropy().mean(),
+            "clip_fraction": ((ratio < 1 - cfg.clip) | (ratio > 1 + cfg.clip)).float().mean(),
+            "approx_kl": (ratio - 1 - (after - before)).mean(),
+            "explained_variance": 1 - (target - v).var() / target.var(),
+            "value_loss": ((model.value(data["obs"]) - target) ** 2).mean(),
+        }
     assert want["approx_kl"] > 0.005 and want["clip_fraction"] > 0.1, "the test must move a lot"
     assert got.keys() == want.keys()
     for name, number in want.items():
         assert got[name] == pytest.approx(number.item(), rel=1e-3), (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
             "step with π_old on all samples; explained variance and entropy are those of the model "
-            "that acted; is `judge` called more than once?")
+            "that acted; is `judge` called more than once?"
+        )
+
 
 def test_gradients_are_limited_to_the_maximal_length():
     lengths = []
@@ -352,15 +491,24 @@ def test_gradients_are_limited_to_the_maximal_length():
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=1e-3), rollout(model, scale=1000), cfg)
     assert len(lengths) == 3 * 4, "every epoch uses all 128 samples, in minibatches of 32"
-    close(lengths, 0.01, rtol=1e-3, err_msg=(
-        "a step is as long as the gradient: scale that of actor and critic together, every time"))
+    close(
+        lengths,
+        0.01,
+        rtol=1e-3,
+        err_msg=(
+            "a step is as long as the gradient: scale that of actor and critic together, every time"
+        ),
+    )
     cfg = replace(cfg, max_grad_norm=1e9)
     ppo.improve(model, Spy(model.parameters(), lr=0.0), rollout(model, scale=1000), cfg)
     assert min(lengths[-12:]) > 50, "the limit is a setting, and the test needs long gradients"
     assert lengths[-1] < 4 * lengths[-12], (
-        "gradients pile up from one step to the next: optimizer.zero_grad() before backward()")
+        "gradients pile up from one step to the next: optimizer.zero_grad() before backward()"
+    )
     assert len(np.unique(np.round(lengths[-12:], 3))) == 12, (
-        "nothing moves, but each gradient is another one: every epoch shuffles the samples")
+        "nothing moves, but each gradient is another one: every epoch shuffles the samples"
+    )
+
 
 def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
     cfg = ppo.PPOConfig(minibatch=128, epochs=60, clip=0.1, value_coef=0.0, max_grad_norm=1e9)
@@ -369,7 +517,9 @@ def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
     assert 0.001 < watched["approx_kl"] < 0.05, (
         f"after 60 rounds the policy has moved by {watched['approx_kl']:.3f} nats: π_old is that "
         "before the first gradient step and of the same `pick`, and the clipped objective pays "
-        "nothing beyond 1 ± ε")
+        "nothing beyond 1 ± ε"
+    )
+
 
 def test_the_critic_s_weight_is_value_coef():
     cfg = ppo.PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9)  # one gradient step
@@ -377,12 +527,20 @@ def test_the_critic_s_weight_is_value_coef():
         model = fresh_model()
         start, data = copy.deepcopy(model), rollout(model)
         _, targets, _ = ppo.judge(start, data, cfg)
-        ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1e-2), data,
-                    replace(cfg, value_coef=value_coef))
+        ppo.improve(
+            model,
+            torch.optim.SGD(model.parameters(), lr=1e-2),
+            data,
+            replace(cfg, value_coef=value_coef),
+        )
         (value_coef * ((start.value(data["obs"]).flatten() - targets) ** 2).mean()).backward()
         for now, was in zip(model.critic.parameters(), start.critic.parameters()):
-            torch.testing.assert_close(now, was - 1e-2 * was.grad, msg=(
-                "loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half"))
+            torch.testing.assert_close(
+                now,
+                was - 1e-2 * was.grad,
+                msg=("loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half"),
+            )
+
 
 def test_advantages_are_normalised():
     cfg = ppo.PPOConfig(minibatch=64, epochs=3, value_coef=0.0, max_grad_norm=1e9)
@@ -400,10 +558,13 @@ def test_advantages_are_normalised():
 
     start = torch.cat([tensor.flatten() for tensor in fresh_model().actor.parameters()])
     plain = updated(1.0, 0.0)
-    for scale, shift, word in ((100.0, 0.0, "the size of the rewards: divide by std"),
-                               (1.0, 50.0, "a constant added to all rewards: subtract the mean")):
+    for scale, shift, word in (
+        (100.0, 0.0, "the size of the rewards: divide by std"),
+        (1.0, 50.0, "a constant added to all rewards: subtract the mean"),
+    ):
         apart = (updated(scale, shift) - plain).norm() / (plain - start).norm()
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
+
 
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
     rates, sharpness = [], []
@@ -414,6 +575,7 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
             if function is improve:
                 rates.append([group["lr"] for group in other.param_groups])  # of the optimizer
             return function(model, other, *rest)
+
         return spied
 
     collect, improve = ppo.collect, ppo.improve
@@ -423,12 +585,19 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
     samples = cfg.num_envs * cfg.rollout
     _, rows = learn(zero, constant, tmp_path, updates=4 + 1 / samples, cfg=cfg)
     assert [row["steps"] for row in rows] == [samples * u for u in (1, 2, 3, 4, 5)], (
-        "what does not fill an update is rounded up to a whole one")
+        "what does not fill an update is rounded up to a whole one"
+    )
     want = [[cfg.learning_rate * share] for share in (1.0, 0.8, 0.6, 0.4, 0.2)]
     close(rates, want, err_msg="linearly to 0 after the last update, and Adam has to be told")
     close([[row["learning_rate"]] for row in rows], want)
-    close(sharpness, np.repeat([1, 2, 3, 4, 5], 2), err_msg=(
-        "linearly from 1 to `sharpest` after the last update, alike while collecting and learning"))
+    close(
+        sharpness,
+        np.repeat([1, 2, 3, 4, 5], 2),
+        err_msg=(
+            "linearly from 1 to `sharpest` after the last update, alike while collecting and learning"
+        ),
+    )
+
 
 def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     made = []
@@ -447,27 +616,36 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
         model, rows = ppo.train(cfg, envs, tmp_path, 0, make_model=Mine)
     assert type(model) is Mine and len(rows) == 1, "at least one update"
     assert made == [(1, 1, (8,), 0.3, 12.0), (1, 1, (8,), 0.5, 12.0)], (
-        "observation, action, hidden layers, the neutral action or else the middle, concentration")
+        "observation, action, hidden layers, the neutral action or else the middle, concentration"
+    )
 
-QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, checkpoint_every=2,
-                      hidden=(8,))
+
+QUICK = ppo.PPOConfig(
+    num_envs=4, rollout=16, minibatch=32, epochs=2, checkpoint_every=2, hidden=(8,)
+)
+
 
 def contents(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
+
 
 def same(model, other):
     a, b = model.state_dict(), other.state_dict()
     return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
 
+
 def wandering(num_envs):
     """Short episodes with chance in it: where they begin, and (by the action) where they end."""
+
     def first(rng, n):
         return rng.uniform(-0.5, 0.5, (n, 1)).astype(np.float32)
 
     def play(obs, action):
         after = np.clip(obs + (action - 0.5), -1, 1).astype(np.float32)
         return after, after[:, 0], after[:, 0] > 0.6, after[:, 0] < -0.6
+
     return Probe(num_envs, first, play)
+
 
 @pytest.mark.parametrize("world", ["probe", "pymunk", "mujoco"])
 def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
@@ -483,7 +661,10 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     model, rows = run(tmp_path / "whole")
     assert model.sharpness > 2, "the test should see another sharpness than the first"
     for owner, name, calls in (  # killed at this call: in updates 3 and 4, then at the end
-            (ppo, "improve", 4), (ppo, "collect", 3), (ppo, "save_policy", 1)):
+        (ppo, "improve", 4),
+        (ppo, "collect", 3),
+        (ppo, "save_policy", 1),
+    ):
         killed = [*[mock.DEFAULT] * (calls - 1), KeyboardInterrupt]
         with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
             patch.setattr(owner, name, mock.Mock(wraps=getattr(owner, name), side_effect=killed))
@@ -500,6 +681,7 @@ def test_resume_is_bit_for_bit(tmp_path, monkeypatch, world):
     if world == "probe":
         assert math.isfinite(rows[-2]["return"]), "the test should see episodes end"
 
+
 def test_a_seed_is_a_training(tmp_path):
     def run(seed, **changes):
         return ppo.train(replace(QUICK, **changes), wandering, tmp_path, 3 * 64, seed)[0]
@@ -510,7 +692,9 @@ def test_a_seed_is_a_training(tmp_path):
     assert not same(begin, other), "another seed, other weights at the beginning"
     seeds = [call.kwargs["seed"] for call in reset.call_args_list]
     assert seeds[:2] == seeds[2:4] and len({*seeds[:2], *seeds[-2:]}) == 4, (
-        "other episodes for another seed, and after every checkpoint")
+        "other episodes for another seed, and after every checkpoint"
+    )
+
 
 def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monkeypatch):
     closed = mock.Mock()
@@ -522,16 +706,24 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
     with pytest.raises(ppo.PolicyError, match="no such file"):
         run(resume=True)
     run()
-    for changes in ({"seed": 1}, {"total_steps": 256}, {"cfg": replace(QUICK, gamma=0.5)},
-                    {"about": {"fits": {"simulator": "mujoco"}}}, {"about": {"noise": True}}):
-        with pytest.raises(ppo.PolicyError, match=(
-                "cannot resume: (seed|steps|config: gamma|fits: simulator|noise) is")) as caught:
+    for changes in (
+        {"seed": 1},
+        {"total_steps": 256},
+        {"cfg": replace(QUICK, gamma=0.5)},
+        {"about": {"fits": {"simulator": "mujoco"}}},
+        {"about": {"noise": True}},
+    ):
+        with pytest.raises(
+            ppo.PolicyError,
+            match=("cannot resume: (seed|steps|config: gamma|fits: simulator|noise) is"),
+        ) as caught:
             run(resume=True, **changes)
         assert len(str(caught.value).splitlines()) == 1
     ppo.save_policy(tmp_path / "checkpoint.pt", ppo.ActorCritic(1, 1), META)
     with pytest.raises(ppo.PolicyError, match=r"checkpoint\.pt: not written by 04_ppo\.py"):
         run(resume=True)
     assert closed.call_count == 8, "the processes of a simulator would stay"
+
 
 def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp_path, monkeypatch):
     about = {"fits": env.fingerprint("mujoco", imu=True), "imu": True, "noise": False}
@@ -564,6 +756,7 @@ def test_a_finished_training_is_returned_at_once_and_a_new_one_puts_it_aside(tmp
     assert files["checkpoint.pt"] != before["checkpoint.pt"]
     assert "checkpoint.previous.pt" not in files, "nobody resumes from it"
 
+
 def test_the_first_policy_and_that_after_a_tenth_are_kept(tmp_path):
     last, _ = ppo.train(QUICK, wandering, tmp_path, 20 * 64, about={"fits": FITS})
     (tmp_path / "other").mkdir()
@@ -578,30 +771,48 @@ def test_the_first_policy_and_that_after_a_tenth_are_kept(tmp_path):
     assert not same(start[0], tenth[0]) and not same(tenth[0], end[0])
     assert same(end[0], last)
 
+
 FITS = {"simulator": "pymunk", "limits": [0.1, 0.2]}
 META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0}
+
 
 @dataclass
 class Foreign:
     """What a file may contain that runs code when it is read carelessly."""
+
     path: Path
 
     def __reduce__(self):
         return Path.touch, (self.path,)
 
-@pytest.mark.parametrize("damage", [
-    lambda path, good: path.unlink(),
-    lambda path, good: path.write_bytes(b""),
-    lambda path, good: path.write_bytes(good[:-3]),
-    lambda path, good: path.write_text("hello"),
-    lambda path, good: (path.unlink(), path.mkdir()),
-    lambda path, good: path.write_bytes(pickle.dumps({"format": 1})),
-    lambda path, good: torch.save({"fits": Foreign(path.with_name("touched"))}, path),
-    lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
-    lambda path, good: torch.save([1, 2], path),
-    lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
-], ids=["missing", "empty", "but for its end", "text", "folder", "pickle", "code", "class", "list",
-        "no weights"])
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda path, good: path.unlink(),
+        lambda path, good: path.write_bytes(b""),
+        lambda path, good: path.write_bytes(good[:-3]),
+        lambda path, good: path.write_text("hello"),
+        lambda path, good: (path.unlink(), path.mkdir()),
+        lambda path, good: path.write_bytes(pickle.dumps({"format": 1})),
+        lambda path, good: torch.save({"fits": Foreign(path.with_name("touched"))}, path),
+        lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
+        lambda path, good: torch.save([1, 2], path),
+        lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
+    ],
+    ids=[
+        "missing",
+        "empty",
+        "but for its end",
+        "text",
+        "folder",
+        "pickle",
+        "code",
+        "class",
+        "list",
+        "no weights",
+    ],
+)
 def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, recwarn, damage):
     path = tmp_path / "bad.pt"
     ppo.save_policy(path, ppo.ActorCritic(5, 2), META)
@@ -612,12 +823,15 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, recwarn, dama
     assert not (tmp_path / "touched").exists(), "reading a file ran code from inside it"
     assert not [one for one in recwarn if one.category is not ResourceWarning], "a line of its own"
 
+
 def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
     model = ppo.ActorCritic(5, 2)
     adam = torch.optim.Adam(model.parameters())
     rows = [{"steps": 123_456_789, "minutes": math.pi}, {"steps": 1_001_472, "minutes": math.nan}]
-    saves = (partial(ppo.save_policy, tmp_path / "policy.pt", model, META),
-             partial(ppo.save_checkpoint, tmp_path, {}, rows, model, adam))
+    saves = (
+        partial(ppo.save_policy, tmp_path / "policy.pt", model, META),
+        partial(ppo.save_checkpoint, tmp_path, {}, rows, model, adam),
+    )
     for save in saves:
         save()
     before = contents(tmp_path)
@@ -635,6 +849,7 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
             save()
         assert contents(tmp_path) == before, "the old files, and no half of a new one"
 
+
 def told_to_train(arguments, monkeypatch):
     """What `train` is called with by the command line with these arguments, by name."""
     signature, train = inspect.signature(ppo.train), mock.Mock(side_effect=KeyboardInterrupt)
@@ -643,13 +858,18 @@ def told_to_train(arguments, monkeypatch):
         ppo.main(arguments)
     return signature.bind(*train.call_args.args, **train.call_args.kwargs).arguments
 
-@pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
-    ([], 500_000, "runs/pymunk", "pymunk", True, False),
-    (["--quick"], 60_000, "runs/pymunk/quick", "pymunk", True, False),
-    (["--quick", "--steps", "70"], 70, "runs/pymunk/quick", "pymunk", True, False),
-    (["--mujoco", "--imu", "--resume"], 500_000, "runs/mujoco/imu", "mujoco", True, True),
-    (["--no-noise", "--out", "mine"], 500_000, "mine", "pymunk", False, False),
-], ids=str)
+
+@pytest.mark.parametrize(
+    "arguments, steps, out, sim, noise, imu",
+    [
+        ([], 500_000, "runs/pymunk", "pymunk", True, False),
+        (["--quick"], 60_000, "runs/pymunk/quick", "pymunk", True, False),
+        (["--quick", "--steps", "70"], 70, "runs/pymunk/quick", "pymunk", True, False),
+        (["--mujoco", "--imu", "--resume"], 500_000, "runs/mujoco/imu", "mujoco", True, True),
+        (["--no-noise", "--out", "mine"], 500_000, "mine", "pymunk", False, False),
+    ],
+    ids=str,
+)
 def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     told = told_to_train([*arguments, "--seed", "5"], monkeypatch)
@@ -660,11 +880,13 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
     assert (told["about"]["noise"], told["about"]["imu"]) == (noise, imu)
     envs = told["make_envs"](1)
     assert (envs.world.noise, envs.columns) == (noise, 20 + 5 * imu), (
-        "the flag must reach the environment")
+        "the flag must reach the environment"
+    )
     assert envs.staggered, "else the first episodes after a reset end together"
     assert envs.world.push == 0, "trained without pushes"
     assert envs.world.limits == env.LIMITS[sim]
     envs.close()
+
 
 def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -676,13 +898,16 @@ def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
     told = told_to_train(["--env", "Pendulum-v1", "--gamma", "0.95"], monkeypatch)
     assert told["cfg"] == replace(ppo.GYM_CONFIG, gamma=0.95)
 
+
 def register(monkeypatch, observations, actions):
     """Square-v0, a task with these spaces."""
+
     class Square(gym.Env):
         observation_space, action_space = observations, actions
 
     spec = gym.envs.registration.EnvSpec("Square-v0", entry_point=Square)
     monkeypatch.setitem(gym.registry, "Square-v0", spec)
+
 
 def test_another_task_gets_flat_observations_and_actions_as_shares(monkeypatch):
     register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
@@ -691,16 +916,25 @@ def test_another_task_gets_flat_observations_and_actions_as_shares(monkeypatch):
     assert envs.single_observation_space.shape == (2,)
     envs.close()
 
-@pytest.mark.parametrize("space", [
-    gym.spaces.Discrete(2), gym.spaces.Box(-1, 1, (2, 2)), gym.spaces.Box(-np.inf, np.inf, (2,)),
-    gym.spaces.Box(np.float32([0, 0]), np.float32([1, np.inf]))], ids=str)
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        gym.spaces.Discrete(2),
+        gym.spaces.Box(-1, 1, (2, 2)),
+        gym.spaces.Box(-np.inf, np.inf, (2,)),
+        gym.spaces.Box(np.float32([0, 0]), np.float32([1, np.inf])),
+    ],
+    ids=str,
+)
 def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, capsys, space):
     register(monkeypatch, gym.spaces.Box(-1, 1, (3,)), space)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
         ppo.main(["--env", "Square-v0", "--steps", "1"])
-    line, = capsys.readouterr().err.splitlines()
+    (line,) = capsys.readouterr().err.splitlines()
     assert caught.value.code == 2 and "actions in a Box [n], with bounds" in line
+
 
 @pytest.mark.slow
 def test_a_short_training_improves_the_pendulum(tmp_path):
@@ -710,14 +944,20 @@ def test_a_short_training_improves_the_pendulum(tmp_path):
     first, last = returns[1], np.nanmean(returns[-10:])
     assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"
 
+
 def test_command_line_trains_and_tells_what_it_wrote(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ppo, "GYM_CONFIG", replace(SMALL, num_envs=1, rollout=201))
     ppo.main(["--env", "Pendulum-v1", "--steps", "1", "--out", str(tmp_path)])
     said = capsys.readouterr().out
     assert "policy.pt" in said, "tell what was written"
     assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
-    assert {"policy.pt", "policy.start.pt", "checkpoint.pt", "learning_curve.csv",
-            "learning_curve.png"} == {path.name for path in tmp_path.iterdir()}
+    assert {
+        "policy.pt",
+        "policy.start.pt",
+        "checkpoint.pt",
+        "learning_curve.csv",
+        "learning_curve.png",
+    } == {path.name for path in tmp_path.iterdir()}
     row = np.genfromtxt(tmp_path / "learning_curve.csv", delimiter=",", names=True)
     assert row["length"] == 200 and row["return_"] < 0, "an episode has ended"
     assert math.isnan(row["success"]), "not reported by Pendulum: nan, not 0"

@@ -21,29 +21,40 @@ evaluate = import_module("05_evaluate")
 env = evaluate.env
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "results"
-LONGEST = {"README.md": 160, "results/STUDIES.md": 200,  # lines
-           "results/pymunk/README.md": 90, "results/mujoco/README.md": 90}
+LONGEST = {
+    "README.md": 170,
+    "results/STUDIES.md": 220,  # lines
+    "results/pymunk/README.md": 90,
+    "results/mujoco/README.md": 90,
+}
 TEXTS = {page: (ROOT / page).read_text(encoding="utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
 EVERY_SIM = pytest.mark.parametrize("sim", ("pymunk", "mujoco"))
 
+
 def shipped(sim, name):
     return common.read_json(RESULTS / sim / name)
+
 
 @cache
 def shipped_trials(sim):
     """The columns of trials.csv by (planner, noise, σ of the goals)."""
-    lines = np.genfromtxt(RESULTS / sim / "trials.csv", delimiter=",", names=True, dtype=None,
-                          encoding="utf-8")
+    lines = np.genfromtxt(
+        RESULTS / sim / "trials.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+    )
     columns = {name: lines[name] for name in lines.dtype.names}
     columns |= {name: lines[name] == "yes" for name in ("noise", "still_there", "reached_once")}
     goals = np.column_stack([columns[name] for name in ("x", "y", "yaw")])
     engine = env.walk_engine.WalkEngine(1, env.walk_engine.TUNED[sim])
-    columns["least"] = evaluate.least_time(goals, SimpleNamespace(
-        task=env.Task(), limits=env.LIMITS[sim], engine=engine))
+    columns["least"] = evaluate.least_time(
+        goals, SimpleNamespace(task=env.Task(), limits=env.LIMITS[sim], engine=engine)
+    )
     keys = list(zip(*(columns[name].tolist() for name in ("planner", "noise", "goal_std_m"))))
-    return {key: {name: column[[other == key for other in keys]]
-                  for name, column in columns.items()} for key in dict.fromkeys(keys)}
+    return {
+        key: {name: column[[other == key for other in keys]] for name, column in columns.items()}
+        for key in dict.fromkeys(keys)
+    }
+
 
 def ends(planner, trials, sim="pymunk", noise=False):
     """How these trials end."""
@@ -52,142 +63,211 @@ def ends(planner, trials, sim="pymunk", noise=False):
     world.close()
     return ended
 
+
 # ------------------------------------------------------------------------ numbers in words
 def values(rows, key, **wanted):
     """What the rows with these values have under a key."""
     return [row[key] for row in common.pick(rows, **wanted)]
 
+
 def share(part, digits=0):
     """0.031 as 3 %."""
     return f"{100 * np.mean(part):.{digits}f} %"
 
+
 def said_of_the_rivals():
     """The policy against planners that do not learn, in 3-D, with noise."""
     rows = shipped("mujoco", "evaluation.json")["rows"]
-    policy, paper, tuned = (values(rows, "time_mean", planner=name, noise=True, goal_std_m=0.5)[0]
-                            for name in ("policy", "baseline", "baseline_tuned"))
-    yield (f"reaches near goals in {policy:.1f} s on average. The paper's controller takes "
-           f"{paper:.1f} s in the same world, and {tuned:.1f} s after tuning")
+    policy, paper, tuned = (
+        values(rows, "time_mean", planner=name, noise=True, goal_std_m=0.5)[0]
+        for name in ("policy", "baseline", "baseline_tuned")
+    )
+    yield (
+        f"reaches near goals in {policy:.1f} s on average. The paper's controller takes "
+        f"{paper:.1f} s in the same world, and {tuned:.1f} s after tuning"
+    )
     walks = shipped_trials("mujoco")
-    both = {name: common.together([walks[name, True, std] for std in (0.5, 1.0)])
-            for name in ("policy", "baseline_tuned", "expert")}
+    both = {
+        name: common.together([walks[name, True, std] for std in (0.5, 1.0)])
+        for name in ("policy", "baseline_tuned", "expert")
+    }
     for other in ("baseline_tuned", "expert"):
         ratio = evaluate.time_ratio(both["policy"], both[other])
-        yield (f"{ratio['time_ratio']:.2f} of the time of `{other}` on average, and "
-               f"{ratio['median']:.2f} in the median; it is slower in {share(ratio['slower'])} of "
-               "the walks")
+        yield (
+            f"{ratio['time_ratio']:.2f} of the time of `{other}` on average, and "
+            f"{ratio['median']:.2f} in the median; it is slower in {share(ratio['slower'])} of "
+            "the walks"
+        )
+
 
 def said_of_the_studies():
     """Falls, pushes, steps and opponents in 3-D, with noise."""
-    seeds, kicks, tuned, walk = (shipped("mujoco", f"studies/{name}.json")
-                                 for name in ("seeds", "kicks", "baseline", "walk"))
+    seeds, kicks, tuned, walk = (
+        shipped("mujoco", f"studies/{name}.json") for name in ("seeds", "kicks", "baseline", "walk")
+    )
     pooled = seeds["pooled"]
     near, far = (values(pooled["rows"], "falls", goal_std_m=std)[0] for std in (0.5, 1.0))
-    yield (f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones the "
-           f"policy fell {near} and {far} times")
+    yield (
+        f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones the "
+        f"policy fell {near} and {far} times"
+    )
     trainings = common.pick(seeds["seeds"]["rows"], planner="policy")
     ratios = [row["over_expert"] for row in trainings]
     walks = sum(row["episodes"] for row in trainings)
-    yield (f"They need {min(ratios):.2f} to {max(ratios):.2f} of the time of `expert`. All five "
-           f"together fell {sum(row['falls'] for row in trainings)} times in {walks:,} walks")
-    times, falls = ([values(seeds["distances"]["rows"], key, planner=name) for name in
-                     ("policy", "expert", "baseline_tuned")] for key in ("time_mean", "fall"))
+    yield (
+        f"They need {min(ratios):.2f} to {max(ratios):.2f} of the time of `expert`. All five "
+        f"together fell {sum(row['falls'] for row in trainings)} times in {walks:,} walks"
+    )
+    times, falls = (
+        [
+            values(seeds["distances"]["rows"], key, planner=name)
+            for name in ("policy", "expert", "baseline_tuned")
+        ]
+        for key in ("time_mean", "fall")
+    )
     first = np.sum(np.argmin(times, 0) == 0)
-    yield (f"The policy is the fastest of the three at {first} of {len(times[0])} distances."
-           " At 6 m it needs {:.1f} s, `expert` {:.1f} s and `baseline_tuned` {:.1f} s; there they "
-           "fall in {}, {} and {} of the walks".format(
-               *(own[-1] for own in times), *(share(own[-1], 1) for own in falls)))
-    pushed = {reflex: values(kicks["pushes"]["rows"], "fall", speed=0.4, planner="policy",
-                             reflex=reflex)[0] for reflex in (True, False)}
-    yield (f"pushed by 0.4 m/s every 3 s the policy falls in {share(pushed[True], 1)} of the far "
-           f"walks with the reflex and in {share(pushed[False], 1)} without")
+    yield (
+        f"The policy is the fastest of the three at {first} of {len(times[0])} distances."
+        " At 6 m it needs {:.1f} s, `expert` {:.1f} s and `baseline_tuned` {:.1f} s; there they "
+        "fall in {}, {} and {} of the walks".format(
+            *(own[-1] for own in times), *(share(own[-1], 1) for own in falls)
+        )
+    )
+    pushed = {
+        reflex: values(kicks["pushes"]["rows"], "fall", speed=0.4, planner="policy", reflex=reflex)[
+            0
+        ]
+        for reflex in (True, False)
+    }
+    yield (
+        f"pushed by 0.4 m/s every 3 s the policy falls in {share(pushed[True], 1)} of the far "
+        f"walks with the reflex and in {share(pushed[False], 1)} without"
+    )
     quiet = values(kicks["pushes"]["rows"], "fall", speed=0.0, planner="policy", reflex=False)[0]
     yield f"Without pushes and without the reflex it falls in {share(quiet, 1)}"
     worlds = kicks["worlds"]["rows"]
-    for names in (("μ = 0.4", "μ = 0.7", "μ = 1.0"),
-                  ("μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)")):
+    for names in (
+        ("μ = 0.4", "μ = 0.7", "μ = 1.0"),
+        ("μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"),
+    ):
         rows = [row for row in worlds if row["world"] in names]
-        yield (f"{sum(row['falls'] for row in rows)} of "
-               f"{sum(row['episodes'] for row in rows):,} walks")
+        yield (
+            f"{sum(row['falls'] for row in rows)} of {sum(row['episodes'] for row in rows):,} walks"
+        )
     near, far = values(worlds, "time_mean", world="noise of the goal lasts for seconds")
     yield f"arrives, but takes {near:.1f} s to near and {far:.1f} s to far goals"
-    near, far = (share(fall, 1) for fall in
-                 values(worlds, "fall", world="pushed by 0.4 m/s every 3 s"))
+    near, far = (
+        share(fall, 1) for fall in values(worlds, "fall", world="pushed by 0.4 m/s every 3 s")
+    )
     yield f"{near} of the near and {far} of the far walks with such pushes"
     yield f"{share(walk['limits']['stood'], 1)} of 1,000 random plans within the limits stand"
     median, lowest = (1000 * height for height in walk["limits"]["clearance"])  # [mm]
     yield f"by {median:.1f} mm in the median. The 5th percentile is {lowest:.1f} mm".replace(
-        "-", "−")
-    time, = values(tuned["carrot"]["finalists"], "time", chosen=True)
-    yield (f"needs {time:.1f} s for near and far goals together, the paper's settings "
-           f"{tuned['carrot']['paper']['time']:.1f} s")
+        "-", "−"
+    )
+    (time,) = values(tuned["carrot"]["finalists"], "time", chosen=True)
+    yield (
+        f"needs {time:.1f} s for near and far goals together, the paper's settings "
+        f"{tuned['carrot']['paper']['time']:.1f} s"
+    )
     yield f"`expert` needs {values(tuned['expert']['finalists'], 'time', chosen=True)[0]:.1f} s"
     rows = shipped("mujoco", "evaluation.json")["rows"]
     near, far = values(rows, "time_mean", planner="search", noise=True)
     yield f"needs {near:.1f} s to near and {far:.1f} s to far goals"
     steady = walk["limits"]["forward and turning"]
-    yield (f"{share(steady['fall_inside'])} of the walks forward and turning fall within the "
-           f"limits, and {share(steady['fall_anywhere'])} anywhere on the map")
+    yield (
+        f"{share(steady['fall_inside'])} of the walks forward and turning fall within the "
+        f"limits, and {share(steady['fall_anywhere'])} anywhere on the map"
+    )
+
 
 def said_of_learning():
     """Ablations, other implementations, speed."""
     short = shipped("pymunk", "studies/ablations.json")["ablations"]["rows"]
     distance, angle = (values(short, "success", variant=f"without r_{name}") for name in "da")
     assert sum(row["success"] < 1 for row in short) == sum(x < 1 for x in distance + angle), (
-        "all other variants arrive")
-    yield (f"the mean success is {share(distance)} without the reward for distance and "
-           f"{share(angle)} without the one for the angle")
-    plain, sharp = (np.mean(values(short, "time_mean", variant=name))
-                    for name in ("no sharpening", "reference"))
+        "all other variants arrive"
+    )
+    yield (
+        f"the mean success is {share(distance)} without the reward for distance and "
+        f"{share(angle)} without the one for the angle"
+    )
+    plain, sharp = (
+        np.mean(values(short, "time_mean", variant=name)) for name in ("no sharpening", "reference")
+    )
     yield f"without sharpening the walks take {plain:.1f} s, with it {sharp:.1f} s"
     found = shipped("mujoco", "studies/ablations.json")
     for name, words in (
-            ("reference", "The shipped recipe"), ("decides by the mode (paper)", "the mode"),
-            ("rollouts of 32", "the shorter rollouts"),
-            ("rollouts of 32, s_c 0.2", "those with twice the price")):
+        ("reference", "The shipped recipe"),
+        ("decides by the mode (paper)", "the mode"),
+        ("rollouts of 32", "the shorter rollouts"),
+        ("rollouts of 32, s_c 0.2", "those with twice the price"),
+    ):
         near, far, pushed = (
-            {key: np.mean(values(found["choices"]["rows"], key, variant=name, goal_std_m=std,
-                                 push=push)) for key in ("time_mean", "still_there", "fall")}
-            for std, push in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.4)))
-        yield (f"{words}: {near['time_mean']:.2f} and {far['time_mean']:.2f} s, still there "
-               f"{near['still_there']:.2f} and {far['still_there']:.2f}, falls "
-               f"{share([near['fall'], far['fall']], 2)}, pushed {share(pushed['fall'], 1)}")
-    for name, words in (("reference", "the shipped policy"), ("with IMU", "the one with the IMU"),
-                        ("without the reflex", "the one without the reflex")):
+            {
+                key: np.mean(
+                    values(found["choices"]["rows"], key, variant=name, goal_std_m=std, push=push)
+                )
+                for key in ("time_mean", "still_there", "fall")
+            }
+            for std, push in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.4))
+        )
+        yield (
+            f"{words}: {near['time_mean']:.2f} and {far['time_mean']:.2f} s, still there "
+            f"{near['still_there']:.2f} and {far['still_there']:.2f}, falls "
+            f"{share([near['fall'], far['fall']], 2)}, pushed {share(pushed['fall'], 1)}"
+        )
+    for name, words in (
+        ("reference", "the shipped policy"),
+        ("with IMU", "the one with the IMU"),
+        ("without the reflex", "the one without the reflex"),
+    ):
         calm, pushed = common.pick(found["long"]["rows"], variant=name, goal_std_m=1.0)
-        yield (f"{words} needs {calm['time_mean']:.1f} s to far goals and falls in "
-               f"{share(calm['fall'], 1)} of the walks, pushed in {share(pushed['fall'], 1)}; its "
-               f"critic explains {share(calm['critic'])} of the variance")
+        yield (
+            f"{words} needs {calm['time_mean']:.1f} s to far goals and falls in "
+            f"{share(calm['fall'], 1)} of the walks, pushed in {share(pushed['fall'], 1)}; its "
+            f"critic explains {share(calm['critic'])} of the variance"
+        )
     usual, blind, _ = values(found["long"]["rows"], "time_mean", goal_std_m=1.0, push=0.0)
     yield f"needs {blind:.1f} s to far goals instead of {usual:.1f} s"
     peers = shipped("mujoco", "studies/peers.json")["sb3"]["rows"]
-    ours, theirs = (values(peers, "time_mean", kind=kind)
-                    for kind in ("ours, Gaussian", "SB3, the same robots"))
+    ours, theirs = (
+        values(peers, "time_mean", kind=kind) for kind in ("ours, Gaussian", "SB3, the same robots")
+    )
     assert min(ours) < max(theirs) and min(theirs) < max(ours), "their seeds overlap"
     yield f"walks take {np.mean(ours):.1f} s and those of Stable-Baselines3 {np.mean(theirs):.1f} s"
-    yield "has {} of the speed of bare physics in 3-D and {} on the plane".format(*(
-        share(values(shipped(sim, "studies/benchmark.json")["rows"], "ratio", robots=64))
-        for sim in ("mujoco", "pymunk")))
+    yield "has {} of the speed of bare physics in 3-D and {} on the plane".format(
+        *(
+            share(values(shipped(sim, "studies/benchmark.json")["rows"], "ratio", robots=64))
+            for sim in ("mujoco", "pymunk")
+        )
+    )
     stops = shipped("mujoco", "studies/benchmark.json")["stops_ratio"]
     yield f"the stops for the gyro leave {share(stops)} of the speed"
 
+
 def said_of_the_world():
-    """The task, what is drawn, the robot, how long the stages are."""
+    """The task, what is drawn, the robot."""
     task, spread, robot = env.Task(), env.Spread(), env.robot_model.RobotModel()
     walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
-    yield (f"{walks} walks in 3-D to near and as many to far goals (σ of x and y: "
-           f"{task.goal_std_m} m and {task.far_std_m:.0f} m)")
+    yield (
+        f"{walks} walks in 3-D to near and as many to far goals (σ of x and y: "
+        f"{task.goal_std_m} m and {task.far_std_m:.0f} m)"
+    )
     yield f"an error of {100 * task.noise_m:.0f} cm and {np.degrees(task.noise_rad):.0f}°"
-    yield (f"within {100 * task.success_m:.0f} cm and {np.degrees(task.success_rad):.0f}° of the "
-           f"goal, in at most {task.time_limit:.0f} s")
-    yield (f"friction μ ({robot.friction - spread.friction:.1f} to "
-           f"{robot.friction + spread.friction:.1f}), masses (± {share(spread.mass)}), motor "
-           f"stiffness (± {share(spread.stiffness)}), joint friction (up to {spread.stiction} N m) "
-           f"and delay (up to {1000 * spread.delay * robot.control_dt:.0f} ms)")
+    yield (
+        f"within {100 * task.success_m:.0f} cm and {np.degrees(task.success_rad):.0f}° of the "
+        f"goal, in at most {task.time_limit:.0f} s"
+    )
+    yield (
+        f"friction μ ({robot.friction - spread.friction:.1f} to "
+        f"{robot.friction + spread.friction:.1f}), masses (± {share(spread.mass)}), motor "
+        f"stiffness (± {share(spread.stiffness)}), joint friction (up to {spread.stiction} N m) "
+        f"and delay (up to {1000 * spread.delay * robot.control_dt:.0f} ms)"
+    )
     leg = robot.hip, robot.thigh, robot.shin, robot.foot
     yield f"robot weighs {robot.torso.mass + 2 * sum(link.mass for link in leg):.1f} kg"
-    for path in sorted(ROOT.glob("0*.py")):
-        yield f"| {len(path.read_text(encoding='utf-8').splitlines())} |"
+
 
 def test_numbers_in_words_are_those_of_the_files():
     """Of README's text and its findings, and of the paragraphs *Found* in STUDIES.md."""
@@ -202,11 +282,14 @@ def test_numbers_in_words_are_those_of_the_files():
     found = re.sub(r"`[^`]*`|3-D|95 % t-interval|Baselines3", "", found)
     assert not re.findall(r".{0,50}\d.{0,50}", found), "numbers that are not in the files"
 
+
 # ------------------------------------------------------------------------ pages
 def test_tables_of_pages_are_those_of_the_files():
     for path, text in common.pages().items():
         assert path.read_text(encoding="utf-8") == text, (
-            f"{path.relative_to(ROOT)} has an old table: run python tests/studies/common.py")
+            f"{path.relative_to(ROOT)} has an old table: run python tests/studies/common.py"
+        )
+
 
 @pytest.mark.parametrize("page", LONGEST)
 def test_pages_are_short_and_their_links_work(page):
@@ -215,13 +298,16 @@ def test_pages_are_short_and_their_links_work(page):
     for link in re.findall(r'\]\(([^)#]+)|src="([^"]+)"', text):
         path = "".join(link)
         assert path.startswith("https://") or (ROOT / page).parent.joinpath(path).is_file(), (
-            f"{page} leads to {path}, which is not there")
+            f"{page} leads to {path}, which is not there"
+        )
+
 
 def test_the_planner_of_readme_gets_there(tmp_path):
     file = tmp_path / "mine.py"
     file.write_text(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], encoding="utf-8")
     ended = ends(evaluate.load_planner(file), evaluate.draw_trials(1, 6))
     assert (ended["outcome"] == "success").sum() >= 5, "an example should work"
+
 
 # ------------------------------------------------------------------------ the table
 @EVERY_SIM
@@ -234,7 +320,8 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     names = "policy", "baseline", "baseline_tuned", "search", "expert"
     kinds = [*product((False, True), (0.5, 1.0))]  # noise, σ of the goals [m]
     assert set(rows) == {(name, *kind) for name in names for kind in kinds}, (
-        "--noise --far --planner expert.py search.py")
+        "--noise --far --planner expert.py search.py"
+    )
     assert all(row["episodes"] >= 500 for row in rows.values())
     for kind in kinds:
         policy, paper, tuned, *_ = (rows[name, *kind] for name in names)
@@ -242,6 +329,7 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
         if sim == "mujoco":  # on the plane, with noise, the baseline stays more often
             assert policy["still_there"] >= paper["still_there"] - 0.02, "it leaves, others stay"
         assert policy["time_mean"] < min(paper["time_mean"], tuned["time_mean"])
+
 
 @EVERY_SIM
 def test_evaluation_agrees_with_its_trials(sim):
@@ -255,6 +343,7 @@ def test_evaluation_agrees_with_its_trials(sim):
             close = 1e-3 if "ratio" in name else 5e-3 if "time_" in name else 1e-9
             assert old[name] == pytest.approx(value, abs=close), name
 
+
 @EVERY_SIM
 def test_all_planners_had_the_same_goals_and_ground(sim):
     trials = evaluate.read_trials(RESULTS / sim / "trials.csv", 0, np.nan)  # each of them once
@@ -263,6 +352,7 @@ def test_all_planners_had_the_same_goals_and_ground(sim):
     np.testing.assert_allclose(trials.goals, np.concatenate([near, far]), atol=1e-12)
     np.testing.assert_array_equal(*np.split(trials.friction, 2), "another floor for far goals")
     assert trials.number.tolist() == 2 * [*range(count)] and (trials.seed == seed).all()
+
 
 @EVERY_SIM
 def test_lines_of_the_shipped_trials_can_be_repeated(sim):
@@ -275,6 +365,7 @@ def test_lines_of_the_shipped_trials_can_be_repeated(sim):
     want = shipped_trials(sim)["policy", True, 0.5]["outcome"][:2]
     assert ended["outcome"].tolist() == want.tolist()
 
+
 # ------------------------------------------------------------------------ planners, figures
 @EVERY_SIM
 def test_shipped_policy_reaches_new_goals(sim):
@@ -286,8 +377,10 @@ def test_shipped_policy_reaches_new_goals(sim):
     assert np.sum(ended["outcome"] == "success") >= 20
     assert np.mean(ended["time"]) < 10.0, "a good policy needs about four seconds"
 
-@pytest.mark.parametrize("path", [*RESULTS.rglob("policy.pt")],
-                         ids=lambda path: path.relative_to(RESULTS).as_posix())
+
+@pytest.mark.parametrize(
+    "path", [*RESULTS.rglob("policy.pt")], ids=lambda path: path.relative_to(RESULTS).as_posix()
+)
 def test_every_shipped_policy_fits_and_its_page_is_right(path):
     sim, *folders, _ = path.relative_to(RESULTS).parts
     _, facts = evaluate.load_policy(path, sim)
@@ -297,20 +390,28 @@ def test_every_shipped_policy_fits_and_its_page_is_right(path):
         words = f"{facts['steps']:,} double steps, seed {facts['seed']}, {facts['minutes']:.0f} min"
         assert words in " ".join(TEXTS[f"results/{sim}/README.md"].split()), words
 
-@pytest.mark.parametrize("sim, part", [
-    ("mujoco", "carrot"), ("mujoco", "expert"), ("pymunk", "carrot")])
+
+@pytest.mark.parametrize(
+    "sim, part", [("mujoco", "carrot"), ("mujoco", "expert"), ("pymunk", "carrot")]
+)
 def test_the_opponents_were_tuned_by_a_rule(sim, part):
     """The study says by which, and what else was tried; test_studies has the rule."""
     found = shipped(sim, "studies/baseline.json")[part]
-    chosen, = common.pick(found["finalists"], chosen=True)
-    constants = [*baseline.expert.TOP, *baseline.expert.CHANGE, baseline.expert.TOGETHER,
-                 baseline.expert.GAIN]
+    (chosen,) = common.pick(found["finalists"], chosen=True)
+    constants = [
+        *baseline.expert.TOP,
+        *baseline.expert.CHANGE,
+        baseline.expert.TOGETHER,
+        baseline.expert.GAIN,
+    ]
     assert chosen["settings"] | {"share": True} == vars(evaluate.TUNED[sim]) or (
-        [*chosen["settings"].values()] == constants)
+        [*chosen["settings"].values()] == constants
+    )
     assert found["trials"] >= 2000 and len(found["tried"]) >= 100
     stays = chosen["still_there"] >= found["paper"]["still_there"] - baseline.LESS
     assert ("none" in found["rule"]) == (not stays or chosen["fall"] > baseline.MAX_FALLS)
     assert (RESULTS / sim / "search.npz").stat().st_size <= 500_000
+
 
 def test_shipped_files_show_something_and_have_a_study():
     for path in RESULTS.glob("*/studies/*"):
@@ -321,15 +422,22 @@ def test_shipped_files_show_something_and_have_a_study():
         with PIL.Image.open(path) as film:
             assert film.n_frames > 10, path
 
+
 # ------------------------------------------------------------------------ the contest
 def test_who_never_arrives_or_leaves_is_disqualified():
     """All else about points is compared with the shipped ranking in test_ledger."""
-    row = {"time_mean": 5.0, "fall": 0.01, "timeout": 0.02, "still_there": 0.8,
-           "walks": [("success", "5.0"), ("success", "6.0")]}
+    row = {
+        "time_mean": 5.0,
+        "fall": 0.01,
+        "timeout": 0.02,
+        "still_there": 0.8,
+        "walks": [("success", "5.0"), ("success", "6.0")],
+    }
     never, leaves = row | {"time_mean": None, "still_there": None}, row | {"still_there": 0.6}
     rows = {"never.py": [never] * 2, "leaves.py": [row, leaves], "good.py": [row] * 2}
     best, *others = judge.ranking(rows).splitlines()[2:]
     assert "good.py" in best and ["disqualified" in line for line in others] == [True, True]
+
 
 def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
     for name in ("ada", "bob"):
@@ -339,6 +447,7 @@ def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as stop:
         judge.main()
     assert stop.value.code == 2 and "name of its own" in capsys.readouterr().err
+
 
 @pytest.mark.slow
 def test_the_leaderboard_ranks_all_files_of_a_folder(tmp_path):

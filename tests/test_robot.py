@@ -24,9 +24,11 @@ MASS = sum(link.mass for link in LINKS)
 BOTH = pytest.mark.parametrize("name", ["pymunk", "mujoco"])
 equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
+
 @pytest.fixture
 def make_sim(tmp_path, monkeypatch):
     """make_sim(name, N, ...): a simulator whose robots stand; closed after the test."""
+
     def make(name, num_robots=1, cores=1, standing=None, robot=ROBOT):
         sim = robot_model.make_sim(name, num_robots, standing or stance(name), robot, cores)
         return stack.enter_context(closing(sim))
@@ -35,9 +37,11 @@ def make_sim(tmp_path, monkeypatch):
     with ExitStack() as stack:
         yield make
 
+
 def stance(name):
     """Torso pose [6] and joints [12] from which a simulator starts."""
     return robot_model.stance(ROBOT, planar=name == "pymunk")
+
 
 def still(name, num_robots, seconds):
     ticks = round(seconds / ROBOT.control_dt)
@@ -45,6 +49,7 @@ def still(name, num_robots, seconds):
     support, gyro, push = np.zeros((3, num_robots, ticks, 2))
     trunk = np.zeros((num_robots, ticks + 1, 6))
     return robot_model.Trajectory(joints, trunk, support, gyro, push)
+
 
 def leaning(name, angles, seconds):
     """A Trajectory that leans forward by these angles [N], minimum jerk, then stands for 2 s."""
@@ -54,24 +59,32 @@ def leaning(name, angles, seconds):
     trajectory.joints[..., [4, 10]] -= (np.array(angles)[:, None] * share)[..., None]
     return trajectory
 
+
 def planar_bodies(space):
     """The robot's seven, without the ground; the torso first."""
     return list(space.bodies)[1:]
+
 
 def pivots_of(space):
     """What holds hip, knee and ankle together; left, then right."""
     return [joint for joint in space.constraints if isinstance(joint, pymunk.PivotJoint)]
 
+
 def part(trajectory, robots=slice(None), ticks=slice(None)):
     """Some robots of a trajectory, or the ticks between some samples of its joints."""
     start, stop, _ = ticks.indices(trajectory.joints.shape[1])
-    return robot_model.Trajectory(**{
-        name: values[robots, start : stop - (name not in ("joints", "trunk"))]
-        for name, values in vars(trajectory).items()})
+    return robot_model.Trajectory(
+        **{
+            name: values[robots, start : stop - (name not in ("joints", "trunk"))]
+            for name, values in vars(trajectory).items()
+        }
+    )
+
 
 def single_ticks(trajectory):
     """The same trajectory as a list of short ones, to look at the robot in between."""
     return [part(trajectory, ticks=slice(k, k + 2)) for k in range(trajectory.joints.shape[1] - 1)]
+
 
 def walking(name, num_robots, footsteps, count, robot=ROBOT):
     """Trajectories of `count` equal double steps, shorter ones for later robots; and the stance."""
@@ -82,6 +95,7 @@ def walking(name, num_robots, footsteps, count, robot=ROBOT):
     everybody = np.arange(num_robots)
     return [engine.plan(footsteps, everybody)[0] for _ in range(count)], engine.stance
 
+
 def disturbed(plans):
     """These trajectories with a noisy gyro, and every robot is pushed ahead for 50 ms."""
     rng = np.random.default_rng(1)
@@ -90,7 +104,9 @@ def disturbed(plans):
         plan.push[:, 10:15, 0] = 30
     return plans
 
+
 SPREAD = {"friction": 0.3, "mass": 0.1, "stiffness": 0.2, "stiction": 1.5}
+
 
 def bodies(count, friction=0, mass=0, stiffness=0, stiction=0, delay=0):
     """Robots that differ from the model by at most so much."""
@@ -100,12 +116,15 @@ def bodies(count, friction=0, mass=0, stiffness=0, stiction=0, delay=0):
         mass=1 + mass * rng.uniform(-1, 1, (count, 9)),
         stiffness=1 + stiffness * rng.uniform(-1, 1, (count, 12)),
         stiction=stiction * rng.uniform(0, 1, (count, 12)),
-        delay=np.full(count, delay))
+        delay=np.full(count, delay),
+    )
+
 
 def assert_same_motion(got, want, rows=slice(None), want_rows=slice(None), err_msg=""):
     """Some rows of a Motion equal some rows of another one, bit for bit."""
     for field, values in vars(got).items():
         equal(values[rows], getattr(want, field)[want_rows], err_msg=f"{field}: {err_msg}")
+
 
 def quaternion(angles):
     """(w, x, y, z) of Rz(yaw)·Ry(pitch)·Rx(roll), by MuJoCo; roll, pitch, yaw [3]."""
@@ -113,9 +132,11 @@ def quaternion(angles):
     mujoco.mju_euler2Quat(result, angles, "XYZ")
     return result
 
+
 @cache
 def nominal():
     return robot_model.mujoco_model(ROBOT)
+
 
 def mujoco_at(torso, joints):
     """MuJoCo's model and data of a robot with this torso pose [6] and these joints [12]."""
@@ -124,6 +145,7 @@ def mujoco_at(torso, joints):
     mujoco.mj_forward(nominal(), data)
     return nominal(), data
 
+
 def mujoco_data(sim, i=0):
     """MuJoCo's data of robot i of a simulator, as it is now."""
     data = mujoco.MjData(sim.model)
@@ -131,11 +153,13 @@ def mujoco_data(sim, i=0):
     mujoco.mj_forward(sim.model, data)
     return data
 
+
 def velocity(model, data):
     """Of the robot's centre of mass in MuJoCo, [3] [m/s]."""
     mujoco.mj_forward(model, data)
     mujoco.mj_subtreeVel(model, data)
     return data.subtree_linvel[0].copy()
+
 
 def test_compose_multiplies_matrices_and_relative_undoes_it():
     for shape in (40,), (), (2, 4):  # a batch, one pose, rows of poses
@@ -144,13 +168,29 @@ def test_compose_multiplies_matrices_and_relative_undoes_it():
         base, inner = poses
         got = robot_model.compose(base, inner)
         (a, turn), (b, _), (c, _) = (  # places as x + i·y, turns as factors
-            (p[..., 0] + 1j * p[..., 1], np.exp(1j * p[..., 2])) for p in (base, inner, got))
-        close(c, a + turn * b, atol=1e-9, err_msg=(
-            "first turn the pose by the base's yaw, then add the base's place"))
-        close(got[..., 2], poses[..., 2].sum(0), atol=1e-9, err_msg=(
-            "yaws add up, without wrap: a foot that turns on and on must not jump"))
-        close(robot_model.relative(base, got), inner, atol=1e-9, err_msg=(
-            "relative undoes compose: first subtract the base's place, then turn back, by −yaw"))
+            (p[..., 0] + 1j * p[..., 1], np.exp(1j * p[..., 2])) for p in (base, inner, got)
+        )
+        close(
+            c,
+            a + turn * b,
+            atol=1e-9,
+            err_msg=("first turn the pose by the base's yaw, then add the base's place"),
+        )
+        close(
+            got[..., 2],
+            poses[..., 2].sum(0),
+            atol=1e-9,
+            err_msg=("yaws add up, without wrap: a foot that turns on and on must not jump"),
+        )
+        close(
+            robot_model.relative(base, got),
+            inner,
+            atol=1e-9,
+            err_msg=(
+                "relative undoes compose: first subtract the base's place, then turn back, by −yaw"
+            ),
+        )
+
 
 def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     angles = np.concatenate([np.linspace(-20, 20, 101), [math.pi, -math.pi, 3 * math.pi]])
@@ -158,14 +198,23 @@ def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     wrapped = robot_model.wrap(angles)
     outside = (wrapped < -math.pi - 1e-9) | (wrapped >= math.pi)
     assert not outside.any(), (
-        f"[−π, π): π becomes −π (got {wrapped[outside][0]}, for {angles[outside][0]})")
-    close(np.exp(1j * wrapped), np.exp(1j * angles), atol=1e-9, err_msg=(
-        "whole turns only are taken away: cos + i·sin stays, for it is the same direction"))
+        f"[−π, π): π becomes −π (got {wrapped[outside][0]}, for {angles[outside][0]})"
+    )
+    close(
+        np.exp(1j * wrapped),
+        np.exp(1j * angles),
+        atol=1e-9,
+        err_msg=(
+            "whole turns only are taken away: cos + i·sin stays, for it is the same direction"
+        ),
+    )
+
 
 def random_joints(rng, count):
     """Joint angles [count, 12] inside the limits, knees bent, hips above the soles."""
     low, high = [-1.0, -0.6, -1.2, 0.05, -1.2, -0.6], [1.0, 0.6, 0.6, 2.2, 0.3, 0.6]
     return rng.uniform(np.tile(low, 2), np.tile(high, 2), (count, 12))
+
 
 def test_forward_kinematics_equals_mujoco():
     rng = np.random.default_rng(0)
@@ -175,23 +224,41 @@ def test_forward_kinematics_equals_mujoco():
         points, turn = robot_model.body_points(ROBOT, torso, joints)  # [2, 5, 3], [2, 3, 3]
         for leg, (side, sign) in enumerate((("left", 1), ("right", -1))):
             for k, name in enumerate(("hip", "shin", "foot")):  # a body sits at its upper joint
-                close(points[leg, k], data.body(f"{side} {name}").xpos, atol=1e-9, err_msg=(
-                    f"{side} {name}: a length, the sign of a pitch, pitches that do not add up, or "
-                    "the order of hip yaw and roll?"))
+                close(
+                    points[leg, k],
+                    data.body(f"{side} {name}").xpos,
+                    atol=1e-9,
+                    err_msg=(
+                        f"{side} {name}: a length, the sign of a pitch, pitches that do not add up, or "
+                        "the order of hip yaw and roll?"
+                    ),
+                )
             sole, foot = data.geom(f"{side} sole"), data.body(f"{side} foot")
             length, _, thick = model.geom(f"{side} sole").size
             for k, x in ((3, -length), (4, length)):  # heel, toe: below the ankle's axis
                 corner = [x, -sign * ROBOT.foot_outward, -thick]
                 want = sole.xpos + sole.xmat.reshape(3, 3) @ corner
-                close(points[leg, k], want, atol=1e-9, err_msg=(
-                    "heel or toe: foot_front and foot_back swapped, the ankle's height, or the "
-                    "ankle's roll?"))
-            close(turn[leg], foot.xmat.reshape(3, 3), atol=1e-9, err_msg=(
-                "the rotation that is returned is the foot's"))
+                close(
+                    points[leg, k],
+                    want,
+                    atol=1e-9,
+                    err_msg=(
+                        "heel or toe: foot_front and foot_back swapped, the ankle's height, or the "
+                        "ankle's roll?"
+                    ),
+                )
+            close(
+                turn[leg],
+                foot.xmat.reshape(3, 3),
+                atol=1e-9,
+                err_msg=("the rotation that is returned is the foot's"),
+            )
+
 
 def test_euler_angles_of_a_quaternion():
     angles = np.random.default_rng(1).uniform(-1.4, 1.4, (50, 3)) * [2, 1, 2]
     close(robot_model.euler([quaternion(turn) for turn in angles]), angles, atol=1e-9)
+
 
 def test_leg_inverse_undoes_forward():
     joints = random_joints(np.random.default_rng(2), 500).reshape(-1, 6)
@@ -200,13 +267,19 @@ def test_leg_inverse_undoes_forward():
     assert got.shape == joints.shape, "positions [..., 3] in, joint angles [..., 6] out"
     wrong = ~np.isclose(got, joints, rtol=0, atol=1e-6).all(0)  # [6] hip 0, 1, 2; knee 3; ankle
     names = np.array(robot_model.JOINTS)
-    cause = ("does the knee bend the other way?" if wrong[3] else
-             "is an arctan2 of the ankle turned round, or r not in the foot's frame, Rᵀ·(−p)?"
-             if wrong[4:].any() else
-             "is the ankle's roll taken out of the foot's rotation, or an arctan2 turned round?")
+    cause = (
+        "does the knee bend the other way?"
+        if wrong[3]
+        else "is an arctan2 of the ankle turned round, or r not in the foot's frame, Rᵀ·(−p)?"
+        if wrong[4:].any()
+        else "is the ankle's roll taken out of the foot's rotation, or an arctan2 turned round?"
+    )
     k = np.abs(got - joints).max(1).argmax()
-    assert not wrong.any(), (f"wrong: {', '.join(names[wrong])} (of {', '.join(names)}): {cause} "
-                             f"(got {got[k].round(3)}, expected {joints[k].round(3)})")
+    assert not wrong.any(), (
+        f"wrong: {', '.join(names[wrong])} (of {', '.join(names)}): {cause} "
+        f"(got {got[k].round(3)}, expected {joints[k].round(3)})"
+    )
+
 
 @BOTH
 def test_body_inverse_puts_the_feet_where_they_should_be(name):
@@ -231,24 +304,37 @@ def test_body_inverse_puts_the_feet_where_they_should_be(name):
     close(robot_model.wrap(got[..., 2] - away[..., 3]), 0, atol=1e-9)
     close(points[..., 3:, 2], feet[..., [2, 2]], atol=1e-9, err_msg="soles must be level")
 
+
 def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
     bent = robot_model.leg_points(ROBOT, [0, 0, 0, ROBOT.joint_max[3], 0, 0])[0][2]
     shortest, longest = np.linalg.norm(bent), ROBOT.thigh_length + ROBOT.shin_length
     for position, yaw, reach in (
-            ([0, 0, -0.5], 0.0, longest), ([0.1, 0.05, -0.4], 0.3, longest),
-            ([-0.05, -0.02, -9.0], -0.2, longest), ([0.03, 0.0, -0.04], 0.0, shortest),
-            ([0.01, 0.012, -0.03], 0.4, shortest), ([0.02, -0.02, -0.01], -0.5, shortest)):
+        ([0, 0, -0.5], 0.0, longest),
+        ([0.1, 0.05, -0.4], 0.3, longest),
+        ([-0.05, -0.02, -9.0], -0.2, longest),
+        ([0.03, 0.0, -0.04], 0.0, shortest),
+        ([0.01, 0.012, -0.03], 0.4, shortest),
+        ([0.02, -0.02, -0.01], -0.5, shortest),
+    ):
         foot = robot_model.rotation(*np.array([0, 0, yaw]))
         joints = robot_model.leg_inverse(ROBOT, np.broadcast_to(position, 3), foot)
         points, got = robot_model.leg_points(ROBOT, joints)
         want = np.array(position) / np.linalg.norm(position) * reach
-        side = ("too far: a straight leg" if reach == longest else
-                "too near: a folded leg (the knee at its joint limit, not |thigh − shin|)")
-        close(points[2], want, atol=1e-6, err_msg=(
-            f"{position}: {side} that points at the wish is the nearest pose"))
+        side = (
+            "too far: a straight leg"
+            if reach == longest
+            else "too near: a folded leg (the knee at its joint limit, not |thigh − shin|)"
+        )
+        close(
+            points[2],
+            want,
+            atol=1e-6,
+            err_msg=(f"{position}: {side} that points at the wish is the nearest pose"),
+        )
         close(got, foot, atol=1e-6, err_msg="the foot is turned as commanded")
         knee = 0.0 if reach == longest else ROBOT.joint_max[3]
         assert joints[3] == pytest.approx(knee, abs=1e-6)
+
 
 def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     rng = np.random.default_rng(4)
@@ -258,27 +344,39 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     joints = robot_model.leg_inverse(ROBOT, position, foot)
     assert np.isfinite(joints).all(), "arccos and arcsin need their argument clipped to ±1"
     assert (joints >= ROBOT.joint_min).all() and (joints <= ROBOT.joint_max).all(), (
-        "at last clip the angles to the joint limits")
+        "at last clip the angles to the joint limits"
+    )
     free = ((joints > ROBOT.joint_min) & (joints < ROBOT.joint_max)).all(1)
     free &= np.linalg.norm(position, axis=1) < ROBOT.thigh_length + ROBOT.shin_length
     _, got = robot_model.leg_points(ROBOT, joints[free])
     close(got, foot[free], atol=1e-6, err_msg="clipped nowhere, but the foot is turned otherwise")
 
-MUJOCO_LINKS = ["torso", *(f"{side} {link}" for side in ("left", "right")
-                           for link in ("hip", "thigh", "shin", "foot"))]
+
+MUJOCO_LINKS = [
+    "torso",
+    *(f"{side} {link}" for side in ("left", "right") for link in ("hip", "thigh", "shin", "foot")),
+]
+
 
 def test_every_link_of_mujoco_has_the_mass_the_centre_and_the_inertia_of_the_table():
     for name, link in zip(MUJOCO_LINKS, LINKS):
         body, side = nominal().body(name), -1 if name.startswith("right") else 1
         close(body.mass, link.mass, err_msg=f"{name}: plus that of a geom?")
         close(body.inertia, link.inertia, err_msg=f"{name}: of x, y, z")
-        close(body.ipos, link.com * np.array([1, side, 1]), err_msg=(
-            f"{name}: y of a leg's centre of mass is outward, so the right one's is mirrored"))
+        close(
+            body.ipos,
+            link.com * np.array([1, side, 1]),
+            err_msg=(
+                f"{name}: y of a leg's centre of mass is outward, so the right one's is mirrored"
+            ),
+        )
+
 
 def test_soles_touch_the_ground_and_one_another_and_nothing_else_touches():
     model, data = mujoco_at(*robot_model.stance(ROBOT, foot_distance=0.05))
     touching = {tuple(model.geom(geom).name for geom in sorted(pair)) for pair in data.contact.geom}
     assert touching == {*combinations(("ground", "left sole", "right sole"), 2)}
+
 
 def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_sim):
     torso, joints = stance("pymunk")
@@ -289,14 +387,19 @@ def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_si
     centre = sum(np.array(body.position) * body.mass for body in bodies) / planar
     close(centre, data.subtree_com[0][[0, 2]], atol=1e-9, err_msg="masses are elsewhere in one")
     # Turning the stiff robot about y: I = Σ (Iᵢ + mᵢ·dᵢ²); without the rotors of its six motors
-    got = sum(body.moment + body.mass * (body.position - tuple(centre)).length ** 2
-              for body in bodies) - 6 * ROBOT.armature
+    got = (
+        sum(
+            body.moment + body.mass * (body.position - tuple(centre)).length ** 2 for body in bodies
+        )
+        - 6 * ROBOT.armature
+    )
     want = 0.0
     for i in range(1, model.nbody):
         away = data.xipos[i][[0, 2]] - centre
         along = data.ximat[i].reshape(3, 3)[1]  # the y axis seen from the body
         want += along**2 @ model.body_inertia[i] + model.body_mass[i] * away @ away
     assert got == pytest.approx(want, rel=1e-6), "planar torso: parallel axes of its three parts"
+
 
 @BOTH
 def test_motors_cannot_push_a_joint_through_its_limit(make_sim, name):
@@ -309,6 +412,7 @@ def test_motors_cannot_push_a_joint_through_its_limit(make_sim, name):
     beyond = beyond[..., seen].max(1)  # [2, 12] or [2, 6]
     assert (beyond < 0.1).all(), f"{beyond.round(2)} rad beyond: has the simulator the limits?"
     assert ((beyond > 0).sum(1) >= 4).all(), "the test should push against some limits"
+
 
 @BOTH
 @pytest.mark.parametrize("what", ["walks", "falls"])
@@ -324,35 +428,60 @@ def test_motion_tells_where_the_bodies_are(make_sim, name, what):
     assert tilt > 0.6 if what == "falls" else lifted > 0.005, "the test should see that"
     if name == "mujoco":
         data = mujoco_data(sim)
-        want = [[data.body(f"{side} {k}").xpos for k in ("hip", "shin", "foot")]
-                for side in ("left", "right")]
+        want = [
+            [data.body(f"{side} {k}").xpos for k in ("hip", "shin", "foot")]
+            for side in ("left", "right")
+        ]
         close(points[:, :3], want, atol=1e-9, err_msg="a named column of the state is another one")
         return
     pivots = pivots_of(sim.spaces[0])
     want = [p.b.local_to_world(p.anchor_b) for p in pivots]  # hip, knee, ankle; twice
-    close(points[:, :3, [0, 2]].reshape(6, 2), want, atol=2e-3, err_msg=(
-        "the torso frame is below the centre of its body; a pitch is minus an angle"))
+    close(
+        points[:, :3, [0, 2]].reshape(6, 2),
+        want,
+        atol=2e-3,
+        err_msg=("the torso frame is below the centre of its body; a pitch is minus an angle"),
+    )
     for leg, pivot in enumerate((pivots[2], pivots[5])):
         (sole,) = pivot.b.shapes
         corners = np.array([pivot.b.local_to_world(v) for v in sole.get_vertices()])
         for point in points[leg, 3:][:, [0, 2]]:  # heel, toe
             assert np.linalg.norm(corners - point, axis=1).min() < 2e-3, "the ankle's pitch?"
     lacking = np.delete(np.arange(12), robot_model.SAGITTAL)
-    equal(motion.joints[..., lacking], trajectory.joints[:, 1:, lacking], err_msg=(
-        "joints that a plane lacks are reported as commanded"))
+    equal(
+        motion.joints[..., lacking],
+        trajectory.joints[:, 1:, lacking],
+        err_msg=("joints that a plane lacks are reported as commanded"),
+    )
+
 
 def test_fall_means_half_the_height_or_45_degrees():
-    for standing, (height, roll, pitch, fell) in product((0.4, 0.6), (
-            (0.41, 0, 0, False), (0.19, 0, 0, True), (0.21, 0, 0, False), (0.4, 44, 0, False),
-            (0.4, 46, 0, True), (0.4, 0, -44, False), (0.4, 0, 46, True), (0.4, 0, -46, True),
-            (0.4, 30, 30, False), (0.4, 32, 32, False), (0.4, 35, 35, True), (0.4, 180, 0, True),
-            (0.1, 90, 0, True))):
+    for standing, (height, roll, pitch, fell) in product(
+        (0.4, 0.6),
+        (
+            (0.41, 0, 0, False),
+            (0.19, 0, 0, True),
+            (0.21, 0, 0, False),
+            (0.4, 44, 0, False),
+            (0.4, 46, 0, True),
+            (0.4, 0, -44, False),
+            (0.4, 0, 46, True),
+            (0.4, 0, -46, True),
+            (0.4, 30, 30, False),
+            (0.4, 32, 32, False),
+            (0.4, 35, 35, True),
+            (0.4, 180, 0, True),
+            (0.1, 90, 0, True),
+        ),
+    ):
         height += (standing - 0.4) / 2
         torso = np.array([7, -7, height, math.radians(roll), math.radians(pitch), 3])
         got = robot_model.fallen(np.tile(torso, (2, 3, 1)), standing)
         assert np.shape(got) == (2, 3) and (got == fell).all(), (
             f"height {height:.2f} m of {standing} m, roll {roll}°, pitch {pitch}° is "
-            f"{('no', 'a')[fell]} fall" + any((roll, pitch)) * ": cos(tilt) = cos roll · cos pitch")
+            f"{('no', 'a')[fell]} fall" + any((roll, pitch)) * ": cos(tilt) = cos roll · cos pitch"
+        )
+
 
 @BOTH
 def test_robot_stands_where_it_was_put(make_sim, name):
@@ -361,8 +490,10 @@ def test_robot_stands_where_it_was_put(make_sim, name):
     assert not motion.fell.any()
     off = np.abs(motion.torso - torso)[..., [0, 1, 2, 5]].max((0, 1))
     assert (off < [0.005, 0.005, 0.003, 0.005]).all(), (
-        f"x, y, z, yaw are off by {off}: it should stay at the origin; do soft motors let it sag?")
+        f"x, y, z, yaw are off by {off}: it should stay at the origin; do soft motors let it sag?"
+    )
     close(motion.joints, np.tile(joints, (2, 300, 1)), atol=0.02)
+
 
 @BOTH
 def test_a_robot_let_go_in_the_air_drops_freely_and_has_fallen_half_way(make_sim, name):
@@ -373,7 +504,8 @@ def test_a_robot_let_go_in_the_air_drops_freely_and_has_fallen_half_way(make_sim
     time = ROBOT.control_dt * np.arange(1, 32)
     off = 1 - motion.torso[0, :, 2] - ROBOT.gravity * time**2 / 2
     assert (np.abs(off) < ROBOT.gravity * time * STEP / 2 + 1e-6).all(), (  # of Euler's method
-        f"{off} m: z is that of the torso's frame, or something holds the robot in the air")
+        f"{off} m: z is that of the torso's frame, or something holds the robot in the air"
+    )
     assert not motion.fell[0], "half of the height at which it stood is a fall, not more"
     assert sim.run(still(name, 1, 0.02), [0]).fell[0], "below half of its height it has fallen"
     if name == "mujoco":
@@ -384,6 +516,7 @@ def test_a_robot_let_go_in_the_air_drops_freely_and_has_fallen_half_way(make_sim
     motion = sim.run(still(name, 1, 0.1), [0])
     assert motion.torso[0, -1, 2] > 0.55, "the test should see it high up at the end"
     assert motion.fell[0], "a fall is looked for at every control tick, not only at the last one"
+
 
 @BOTH
 def test_robot_falls_when_its_centre_of_mass_passes_its_toes(make_sim, name):
@@ -397,8 +530,14 @@ def test_robot_falls_when_its_centre_of_mass_passes_its_toes(make_sim, name):
     tips = next(angle for angle in np.arange(0, 1, 0.005) if ahead(angle) > 0)
     angles = tips + np.array([-0.1, -0.04, 0.02, 0.1])
     motion = make_sim(name, 4).run(leaning(name, angles, 4.0), np.arange(4))
-    equal(motion.fell, [False, False, True, True], err_msg=(
-        f"leaning slowly by {angles.round(2)} rad: the statics say it tips at {tips:.2f} rad"))
+    equal(
+        motion.fell,
+        [False, False, True, True],
+        err_msg=(
+            f"leaning slowly by {angles.round(2)} rad: the statics say it tips at {tips:.2f} rad"
+        ),
+    )
+
 
 @BOTH
 def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
@@ -414,10 +553,18 @@ def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
     tick = np.argmax(down[first])
     until = part(trajectory, [first], slice(0, tick + 2))
     pieces = [sim.run(piece, [0]) for piece in single_ticks(until)]
-    equal([piece.fell[0] for piece in pieces], down[first, : tick + 1], err_msg=(
-        "a fall is seen in its very tick, and not earlier"))
-    close([piece.torso[0, 0] for piece in pieces], motion.torso[first, : tick + 1], atol=1e-9,
-          err_msg="a part of the state is forgotten between two runs")
+    equal(
+        [piece.fell[0] for piece in pieces],
+        down[first, : tick + 1],
+        err_msg=("a fall is seen in its very tick, and not earlier"),
+    )
+    close(
+        [piece.torso[0, 0] for piece in pieces],
+        motion.torso[first, : tick + 1],
+        atol=1e-9,
+        err_msg="a part of the state is forgotten between two runs",
+    )
+
 
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     plan, robot = still("mujoco", 1, 0.05), replace(ROBOT, control_dt=0.01)
@@ -430,20 +577,36 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     want = np.zeros((2, 12))
     want[0, [5, 4]] = 0.05 * (0.6 - 0.2), 0.05 * (0.8 + 0.5)
     want[1, [11, 10]] = 0.1 * (0.6 - 0.2), 0.1 * (0.8 + 0.5)
-    close(got[0], want, atol=1e-7, err_msg=(
-        "added = gain·(true rate + error of the gyro − planned rate): x to the roll, y to the "
-        "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"))
+    close(
+        got[0],
+        want,
+        atol=1e-7,
+        err_msg=(
+            "added = gain·(true rate + error of the gyro − planned rate): x to the roll, y to the "
+            "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"
+        ),
+    )
     got = robot_model.reflex(robot, plan, 2, 3, np.array([[0.5, 1.0]]))
-    close(got[0, 0, [5, 4]], [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)], atol=1e-7, err_msg=(
-        "planned rate = change of the lean / time: here it is a single tick"))
+    close(
+        got[0, 0, [5, 4]],
+        [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)],
+        atol=1e-7,
+        err_msg=("planned rate = change of the lean / time: here it is a single tick"),
+    )
+
 
 def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan, limit = still("mujoco", 3, 0.05), robot_model.REFLEX_LIMIT
     plan.support[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
     got = robot_model.reflex(ROBOT, plan, 0, 2, np.array([[7, 99], [-99, 0], [1.0, 99]]))
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
-    close(got[..., [5, 4, 11, 10]], np.tile(want[:, None], (2, 2)), atol=1e-7, err_msg=(
-        "what is ADDED is limited, to either side; not the rate"))
+    close(
+        got[..., [5, 4, 11, 10]],
+        np.tile(want[:, None], (2, 2)),
+        atol=1e-7,
+        err_msg=("what is ADDED is limited, to either side; not the rate"),
+    )
+
 
 @BOTH
 def test_the_reflex_brakes_what_a_push_begins(make_sim, name):
@@ -457,9 +620,11 @@ def test_the_reflex_brakes_what_a_push_begins(make_sim, name):
     for push, lean, fell in zip(pushes, change.reshape(-1, 3), motion.fell.reshape(-1, 3)):
         what = f"pushed along {push}: 40 ms later it leans by {lean.round(3)} rad, gains {gains} s"
         assert lean[0] < 0.95 * lean[1] and lean[1] < 0.95 * lean[2], (
-            f"{what}: the toes press where the robot turns to; is a sign wrong?")
+            f"{what}: the toes press where the robot turns to; is a sign wrong?"
+        )
         assert not fell[0], f"{what}: the reflex keeps it up"
         assert fell[2] or push[1], f"{what}: the opposite sign drives the sway until it falls"
+
 
 @BOTH
 def test_a_push_gives_momentum_to_the_torso_while_it_lasts(make_sim, name):
@@ -479,6 +644,7 @@ def test_a_push_gives_momentum_to_the_torso_while_it_lasts(make_sim, name):
         close(got, want[i], atol=0.01, err_msg="force·time, of this robot, in these ticks only")
     assert motion.spin[0, 1] > 0.1, "it is pushed above its hips, so it also turns"
 
+
 @BOTH
 def test_the_gyro_is_read_every_second_tick_also_by_a_delayed_robot(make_sim, monkeypatch, name):
     plans, standing = walking(name, 2, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 1)
@@ -486,19 +652,33 @@ def test_the_gyro_is_read_every_second_tick_also_by_a_delayed_robot(make_sim, mo
     for sim in (whole, pieces):
         sim.reset([1], bodies(1, delay=1))
     formula, read = robot_model.reflex, []
-    monkeypatch.setattr(robot_model, "reflex", lambda robot, trajectory, *when: (
-        read.append(when) or formula(robot, trajectory, *when)))
+    monkeypatch.setattr(
+        robot_model,
+        "reflex",
+        lambda robot, trajectory, *when: read.append(when) or formula(robot, trajectory, *when),
+    )
     want = whole.run(disturbed(plans)[0], [0, 1])
     once, spin = read.copy(), 0 * want.spin  # it begins at rest
     for first, last in ((0, 4), (4, 10), (10, 62)):  # [ticks]
         *when, seen = once[first // 2]
         assert when == [first, first + 2], "a reading holds for two ticks"
-        close(seen, spin[:, :2] * [name == "mujoco", 1], atol=1e-12, err_msg=(
-            "it reads how fast the torso turns about x and y now; a plane has no x"))
+        close(
+            seen,
+            spin[:, :2] * [name == "mujoco", 1],
+            atol=1e-12,
+            err_msg=("it reads how fast the torso turns about x and y now; a plane has no x"),
+        )
         motion = pieces.run(part(plans[0], ticks=slice(first, last + 1)), [0, 1])
         spin = motion.spin
-    close(motion.torso[:, -1], want.torso[:, -1], atol=1e-12, err_msg=(
-        "three runs equal one run that is cut between readings: is a correction forgotten?"))
+    close(
+        motion.torso[:, -1],
+        want.torso[:, -1],
+        atol=1e-12,
+        err_msg=(
+            "three runs equal one run that is cut between readings: is a correction forgotten?"
+        ),
+    )
+
 
 def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(make_sim):
     sim = make_sim("mujoco", 2)
@@ -516,7 +696,9 @@ def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(ma
         # ∫ horizontal force / ∫ vertical force = μ; that a foot bounces does not matter.
         mu = np.linalg.norm(change[:2]) / (change[2] + ROBOT.gravity * steps * STEP)
         assert mu == pytest.approx(friction, rel=0.02), (
-            f"at {degrees}°: μ = {mu:.3f}; only at 45°: a pyramid; else: the larger of two values?")
+            f"at {degrees}°: μ = {mu:.3f}; only at 45°: a pyramid; else: the larger of two values?"
+        )
+
 
 def test_planar_foot_slides_with_the_friction_it_drew(make_sim):
     sim = make_sim("pymunk", 2)
@@ -534,11 +716,14 @@ def test_planar_foot_slides_with_the_friction_it_drew(make_sim):
         ahead, up = mass @ [link.velocity for link in links] - [1, 0]  # of the centre of mass
         mu = -ahead / (up + ROBOT.gravity * steps * STEP)
         assert mu == pytest.approx(friction, rel=0.02), (
-            f"μ = {mu:.3f}; pymunk MULTIPLIES the friction of both shapes")
+            f"μ = {mu:.3f}; pymunk MULTIPLIES the friction of both shapes"
+        )
+
 
 def planar_torque(sim):
     """Size of the motors' torque in the last physics step, [N, 6] [N m]."""
     return np.array([[abs(motor.impulse) / STEP for motor in motors] for motors in sim.motors])
+
 
 def test_planar_joints_stay_together_and_motors_follow_within_their_limits(make_sim):
     plans, standing = walking("pymunk", 2, [[0.1, 0, 0.3], [0.1, 0, -0.3]], 4)
@@ -560,6 +745,7 @@ def test_planar_joints_stay_together_and_motors_follow_within_their_limits(make_
     late = np.abs(joints - targets).mean()  # [rad]
     assert late < 0.005, f"{late:.4f} rad: a motor that follows only the error lags behind"
 
+
 def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
     sim = make_sim("mujoco")
     limit, data = np.tile(ROBOT.torque_limit, 2), mujoco_data(sim)
@@ -571,6 +757,7 @@ def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
         mujoco.mj_forward(sim.model, data)
         torque = data.qfrc_actuator[6:] + data.qfrc_passive[6:]
         close(torque, (1 - share) * limit, atol=1e-6, err_msg="a line to zero at its speed limit")
+
 
 @BOTH
 def test_motors_of_a_standing_robot_carry_the_weight_above_them(make_sim, name):
@@ -591,14 +778,17 @@ def test_motors_of_a_standing_robot_carry_the_weight_above_them(make_sim, name):
         joint = robot_model.JOINTS[2 + k]
         axis = data.joint(f"left {joint}").xanchor[0]
         want = ROBOT.gravity * sum(
-            model.body(body).mass[0] * (data.body(body).xipos[0] - axis) for body in above)
+            model.body(body).mass[0] * (data.body(body).xipos[0] - axis) for body in above
+        )
         left, right = torque[:, k]
         got = [left + right]
         if name == "pymunk":  # sizes only, and stiff legs may push against each other
             want, got = abs(want), [left + right, abs(left - right)]
         assert min(abs(g - want) for g in got) < 0.1, (
-            f"{joint}: {left:.2f} and {right:.2f} N m, together they should hold {want:.2f} N m")
+            f"{joint}: {left:.2f} and {right:.2f} N m, together they should hold {want:.2f} N m"
+        )
         above += [f"left {link}", f"right {link}"]
+
 
 @BOTH
 def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
@@ -618,9 +808,12 @@ def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
     size, error = (np.sqrt(np.mean(x**2, 0)) for x in (want, spins - want))
     assert (size > 0.05).all(), f"the torso should turn about all axes, {size.round(3)} rad/s"
     assert (error < [0.01, 0.03, 0.01]).all(), (
-        f"{error.round(3)} rad/s about x, y, z: rates of roll, pitch, yaw, or the world's axes?")
+        f"{error.round(3)} rad/s about x, y, z: rates of roll, pitch, yaw, or the world's axes?"
+    )
+
 
 MUJOCO_JOINTS = [f"{side} {joint}" for side in ("left", "right") for joint in robot_model.JOINTS]
+
 
 def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
     sim, body, like = make_sim("mujoco", 3), bodies(2, **SPREAD), nominal()
@@ -632,18 +825,26 @@ def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
     for row, i in enumerate([2, 0]):
         model, factor = sim.models[i], body.mass[row]
         close(model.body_mass[links], factor * like.body_mass[links], err_msg=f"{MUJOCO_LINKS}")
-        close(model.body_inertia[links], factor[:, None] * like.body_inertia[links], err_msg=(
-            "the same shape, and so many times as heavy"))
+        close(
+            model.body_inertia[links],
+            factor[:, None] * like.body_inertia[links],
+            err_msg=("the same shape, and so many times as heavy"),
+        )
         assert model.body("torso").subtreemass == pytest.approx(model.body_mass.sum()), (
-            "what MuJoCo derives from the masses is old: mj_setConst")
+            "what MuJoCo derives from the masses is old: mj_setConst"
+        )
         stiffness = body.stiffness[row] * ROBOT.stiffness
         close(model.actuator_gainprm[motors, 0], stiffness, err_msg=f"{MUJOCO_JOINTS}")
-        close(model.actuator_biasprm[motors, 1], -stiffness, err_msg=(
-            "τ = stiffness·(target − q); one without the other moves the zero"))
+        close(
+            model.actuator_biasprm[motors, 1],
+            -stiffness,
+            err_msg=("τ = stiffness·(target − q); one without the other moves the zero"),
+        )
         equal(model.actuator_biasprm[:, 2], like.actuator_biasprm[:, 2])
         equal(model.dof_frictionloss[turning], body.stiction[row])
         assert not model.dof_frictionloss[:6].any(), "nothing holds the torso in the air"
         equal(model.pair_friction[:, :2], body.friction[row])
+
 
 def test_planar_robots_get_what_they_drew(make_sim):
     sim, body = make_sim("pymunk", 3), bodies(2, **SPREAD)
@@ -664,6 +865,7 @@ def test_planar_robots_get_what_they_drew(make_sim):
     other = sum(body.mass for body in planar_bodies(sim.spaces[1]))
     assert other == pytest.approx(MASS), "robot 1 was not reset"
 
+
 def test_static_friction_is_taken_from_a_planar_motors_largest_torque(make_sim):
     sim, body = make_sim("pymunk", 2), bodies(2, stiction=1.5)
     sim.reset(np.arange(2), body)
@@ -675,6 +877,7 @@ def test_static_friction_is_taken_from_a_planar_motors_largest_torque(make_sim):
     left = (np.tile(ROBOT.torque_limit, 2) - body.stiction)[:, robot_model.SAGITTAL]
     assert (most <= left + 1e-6).all(), f"{most.round(2)} N m, at most {left.round(2)}"
     close(most, left, atol=1e-6, err_msg="all the rest is there to be used")
+
 
 @BOTH
 def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, monkeypatch, name):
@@ -691,9 +894,16 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
         added[0] = rng.uniform(-0.05, 0.05, (ticks, 12))
         added[1] = [before, *added[0, :-1]]
         motion = sim.run(both, np.arange(2))
-        close(motion.torso[0], motion.torso[1], atol=1e-9, err_msg=(
-            "every target, also the last of a run, comes a tick later, with what the reflex adds"))
+        close(
+            motion.torso[0],
+            motion.torso[1],
+            atol=1e-9,
+            err_msg=(
+                "every target, also the last of a run, comes a tick later, with what the reflex adds"
+            ),
+        )
         last = plan.joints[:, -2:-1]
+
 
 @BOTH
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
@@ -705,9 +915,13 @@ def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
         sim.reset(np.array([2, 3, 0, 1]), bodies(4, **SPREAD, delay=1))
     want = one.run(plans[0], np.arange(4))
     for robots in ([2], [3, 1, 0]):
-        assert_same_motion(spread.run(part(plans[0], robots), robots), want, want_rows=robots,
-                           err_msg="are rows, robots and their bodies matched, also after "
-                                   "spreading them: robot i is number i // 2 in process i mod 2?")
+        assert_same_motion(
+            spread.run(part(plans[0], robots), robots),
+            want,
+            want_rows=robots,
+            err_msg="are rows, robots and their bodies matched, also after "
+            "spreading them: robot i is number i // 2 in process i mod 2?",
+        )
     spread.reset([1])
     got, want, new = (sim.run(plans[1], np.arange(4)) for sim in (spread, one, fresh))
     assert_same_motion(got, want, [0, 2, 3], [0, 2, 3], "robot 1 was reset, and others changed")
@@ -717,6 +931,7 @@ def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     two.reset([0], bodies(1))  # robot 1 never gets one
     motion = two.run(part(plans[0], [0, 0]), np.arange(2))
     assert_same_motion(motion, motion, 0, 1, "a body like the model is another robot")
+
 
 @pytest.mark.parametrize("name, cores", [("pymunk", 1), ("mujoco", 1), ("mujoco", 2)])
 def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd, name, cores):
@@ -729,12 +944,19 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
         else:
             planar_bodies(sim.spaces[robot])[0].velocity = bad, 0.0
     motion, want = sim.run(seconds, everybody), healthy.run(seconds, everybody)
-    equal(motion.fell, [False, True, True, False], err_msg=(
-        "a state that is not finite is a fall; comparisons with nan are always False"))
+    equal(
+        motion.fell,
+        [False, True, True, False],
+        err_msg=("a state that is not finite is a fall; comparisons with nan are always False"),
+    )
     assert_same_motion(motion, want, [0, 3], [0, 3], "the others go on")
     assert np.isfinite(motion.torso).all(), "the pose goes into rewards: it must stay finite"
-    close(motion.torso[1:3], np.tile(stance(name)[0], (2, 50, 1)), atol=0.01, err_msg=(
-        "it stays where it was last seen: no teleport"))
+    close(
+        motion.torso[1:3],
+        np.tile(stance(name)[0], (2, 50, 1)),
+        atol=0.01,
+        err_msg=("it stays where it was last seen: no teleport"),
+    )
     assert sim.run(still(name, 4, 0.1), everybody).fell[1:3].all(), "still lost until its reset"
     sim.reset([1, 2])
     assert_same_motion(sim.run(seconds, everybody), want, [1, 2], [1, 2], "a reset cures it")
@@ -742,22 +964,25 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
     assert shown.out + shown.err == "", "the fall is enough: MuJoCo's warnings fill the terminal"
     assert not list(tmp_path.iterdir()), "a log file of MuJoCo in the folder of whoever runs this"
 
+
 def test_a_killed_process_is_an_error_of_one_line_and_no_endless_wait(make_sim):
     assert isinstance(make_sim("pymunk", 1, 2), robot_model.PymunkSim), "one robot: one process"
     sim = make_sim("pymunk", 2, 2)
     sim.reset(np.arange(2))  # both have started and answered
-    process, = sim.pools[0]._processes.values()
+    (process,) = sim.pools[0]._processes.values()
     threading.Timer(1.0, process.kill).start()  # while it reads, Python < 3.11.8 would wait
     for seconds in (500.0, 0.1):  # of which some, and none, will have passed
         with pytest.raises(BrokenProcessPool) as caught:
             sim.run(still("pymunk", 2, seconds), np.arange(2))
         assert str(caught.value) and "\n" not in str(caught.value), "it is shown to the user"
 
+
 def test_the_spring_of_the_planar_yaw_brings_it_where_it_is_commanded(make_sim):
     trajectory = still("pymunk", 1, 1.0)
     trajectory.trunk[:, 5:, 5] = 0.03  # [rad] in one tick; the damping alone turns it by 0.005
     torso = make_sim("pymunk").run(trajectory, [0]).torso
     assert torso[0, -1, 5] == pytest.approx(0.03, abs=0.003), "τ = k·e + c·ė: is the spring there?"
+
 
 def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     sim, trajectory = make_sim("pymunk", 2), still("pymunk", 2, 1.5)
@@ -768,13 +993,17 @@ def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     assert gentle == pytest.approx(0.5, rel=0.1), f"gentle: {gentle:.2f} of 0.50 rad"
     assert 0.0 < sharp < 0.6, f"sharp: {sharp:.2f} of 1.00 rad, more than friction can: τ ≤ μ·F·r"
 
+
 def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
     sim, body = make_sim("pymunk", 6), bodies(6, friction=0.3, mass=0.1)
     sim.reset(np.arange(6), body)
     a, b = ROBOT.foot_front + ROBOT.foot_back, ROBOT.foot_width
     # The integral of √(x² + y²) over the rectangle a × b, divided by a·b
-    radius = (math.hypot(a, b) / 6 + a**2 / (12 * b) * math.asinh(b / a)
-              + b**2 / (12 * a) * math.asinh(a / b))
+    radius = (
+        math.hypot(a, b) / 6
+        + a**2 / (12 * b) * math.asinh(b / a)
+        + b**2 / (12 * a) * math.asinh(a / b)
+    )
     assert sim.sole_radius == pytest.approx(radius, rel=0.005), "r [m]: a mean over the whole sole"
     dt, before = ROBOT.control_dt, sim.bodies
     after = before.copy()
@@ -787,10 +1016,17 @@ def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
     weight = np.array([sum(link.mass for link in planar_bodies(space)) for space in sim.spaces])
     largest = body.friction * weight * ROBOT.gravity * sim.sole_radius  # [N m]
     torque = yaw * ROBOT.yaw_inertia / dt**2
-    close(torque[:4], largest[:4] * [1, 0.8, 0.6, 0], atol=1e-3, err_msg=(
-        "0.6² + 0.8² = 1: a sole that pushes ahead with 0.6·μ·F has 0.8·μ·F left for a turn"))
+    close(
+        torque[:4],
+        largest[:4] * [1, 0.8, 0.6, 0],
+        atol=1e-3,
+        err_msg=(
+            "0.6² + 0.8² = 1: a sole that pushes ahead with 0.6·μ·F has 0.8·μ·F left for a turn"
+        ),
+    )
     assert torque[4] == pytest.approx(ROBOT.torque_limit[0]), "the hip's motor has a limit, too"
     assert torque[5] == 0, "in the air F = 0, not less: nothing can start a turn"
+
 
 def test_faster_solver_settings_do_not_change_the_physics(make_sim):
     """Cold or warm start: the solver must find the same contact forces (6 double steps)."""

@@ -15,24 +15,58 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
-    "01_robot_model.py": [], "02_walk_engine.py": [], "03_env.py": [],
-    "04_ppo.py": ["--imu", "--noise", "--no-noise", "--steps", "--quick", "--resume", "--env",
-                  "--gamma"],
-    "05_evaluate.py": ["--noise", "--far", "--goals", "--episodes", "--friction", "--push",
-                       "--policy", "--planner", "--gif", "--play"],
+    "01_robot_model.py": [],
+    "02_walk_engine.py": [],
+    "03_env.py": [],
+    "04_ppo.py": [
+        "--imu",
+        "--noise",
+        "--no-noise",
+        "--steps",
+        "--quick",
+        "--resume",
+        "--env",
+        "--gamma",
+    ],
+    "05_evaluate.py": [
+        "--noise",
+        "--far",
+        "--goals",
+        "--episodes",
+        "--friction",
+        "--push",
+        "--policy",
+        "--planner",
+        "--gif",
+        "--play",
+    ],
 }
+
 
 def run(script, *arguments, folder, code=0):
     """A stage in its own process and a bare surrounding: no HOME, no display, no renderer."""
     bare = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
-    environment = {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8", "MPLBACKEND": "TkAgg",
-                   "MUJOCO_GL": "none", **{name: os.environ[name] for name in bare}}
+    environment = {
+        "LC_ALL": "C",
+        "PYTHONIOENCODING": "utf-8",
+        "MPLBACKEND": "TkAgg",
+        "MUJOCO_GL": "none",
+        **{name: os.environ[name] for name in bare},
+    }
     command = [sys.executable, str(ROOT / script), *map(str, arguments)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", check=False,
-                          timeout=240, env=environment)
+    done = subprocess.run(
+        command,
+        cwd=folder,
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+        timeout=240,
+        env=environment,
+    )
     assert done.returncode == code, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
+
 
 def check_picture(path):
     """Something is drawn in it: frames, letters and grids have no colour, legends have 0.1 %."""
@@ -41,14 +75,29 @@ def check_picture(path):
     coloured = (np.ptp(image[..., :3], axis=-1) > 0.25).mean()
     assert coloured > 0.005, f"{path}: only {coloured:.2%} of it has a colour: are the axes empty?"
 
+
 @pytest.mark.slow
-@pytest.mark.parametrize("script, flags, said, files", [
-    ("01_robot_model.py", ["--out", "../a new/one"], "of 64 fell", ["a new/one/01_robot.png"]),
-    ("01_robot_model.py", ["--mujoco"], "of 64 fell", ["here/runs/mujoco/01_robot.png"]),
-    ("02_walk_engine.py", [], "a left turn", [
-        f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
-    ("03_env.py", [], "distance d.*right yaw, action before.*random *: .* [1-9][0-9]* falls.*"
-     "hand-written *: [1-9][0-9]* episodes at", ["here/runs/pymunk/03_rewards.png"])], ids=str)
+@pytest.mark.parametrize(
+    "script, flags, said, files",
+    [
+        ("01_robot_model.py", ["--out", "../a new/one"], "of 64 fell", ["a new/one/01_robot.png"]),
+        ("01_robot_model.py", ["--mujoco"], "of 64 fell", ["here/runs/mujoco/01_robot.png"]),
+        (
+            "02_walk_engine.py",
+            [],
+            "a left turn",
+            [f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")],
+        ),
+        (
+            "03_env.py",
+            [],
+            "distance d.*right yaw, action before.*random *: .* [1-9][0-9]* falls.*"
+            "hand-written *: [1-9][0-9]* episodes at",
+            ["here/runs/pymunk/03_rewards.png"],
+        ),
+    ],
+    ids=str,
+)
 def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files):
     here = tmp_path / "here"
     here.mkdir(0o555 if "--out" in flags else 0o777)  # --out is for places where none may write
@@ -59,10 +108,12 @@ def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files
     for path in written:
         check_picture(path)
 
+
 def main_of(script, monkeypatch, *arguments):
     """The stage's main in this process: starting one takes seconds."""
     monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
     return import_module(script.removesuffix(".py")).main()
+
 
 @pytest.mark.slow
 def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
@@ -84,42 +135,60 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert f'python 05_evaluate.py --noise --policy "{policy}"' in shown, "say how to go on"
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.01,0,0.05\n0,-0.01,-0.05\n0,0,0.1\n")
     search = ROOT / "tests" / "studies" / "search.py"  # in the figure the policy would take 100 s
-    shown = run("05_evaluate.py", "--noise", "--policy", policy, "--planner", search,
-                "--goals", "goals.csv", "--out", "out", folder=tmp_path).stdout
+    shown = run(
+        "05_evaluate.py",
+        "--noise",
+        "--policy",
+        policy,
+        "--planner",
+        search,
+        "--goals",
+        "goals.csv",
+        "--out",
+        "out",
+        folder=tmp_path,
+    ).stdout
     assert Path("out/table.md").read_text(encoding="utf-8") in shown
     check_picture("out/footsteps.png")
     evaluation = json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
     assert evaluation["policy"]["seed"] == 1 and evaluation["policy"]["file"] == policy.as_posix()
     assert all(row["episodes"] == 4 for row in evaluation["rows"])
 
-@pytest.mark.parametrize("script, arguments, mention", [
-    ("01_robot_model.py", "--seed -1", "seed"),
-    ("01_robot_model.py", f"--seed {2**32}", str(2**32)),
-    ("04_ppo.py", "--out a_file/sub", "a_file"),
-    ("04_ppo.py", "--steps 1.5", "1.5"),
-    ("04_ppo.py", "--env No-such-v0 --out .", "No-such"),
-    ("04_ppo.py", "--env Pendulum-v1 --imu", "--env"),
-    ("04_ppo.py", "--env Pendulum-v1 --resume", "--env"),
-    ("05_evaluate.py", "--episodes 0", "--episodes from 1"),
-    ("05_evaluate.py", "--episodes 10001", "to 10000"),
-    ("05_evaluate.py", "--friction -0.1", "--friction"),
-    ("05_evaluate.py", "--push -0.1", "--push"),
-    ("05_evaluate.py", "--push nan", "--push"),
-    ("05_evaluate.py", "--push inf", "--push"),
-    ("05_evaluate.py", "--goals=", "needs columns x, y, yaw"),
-    ("05_evaluate.py", "--goals a_file --far", "--far")])
+
+@pytest.mark.parametrize(
+    "script, arguments, mention",
+    [
+        ("01_robot_model.py", "--seed -1", "seed"),
+        ("01_robot_model.py", f"--seed {2**32}", str(2**32)),
+        ("04_ppo.py", "--out a_file/sub", "a_file"),
+        ("04_ppo.py", "--steps 1.5", "1.5"),
+        ("04_ppo.py", "--env No-such-v0 --out .", "No-such"),
+        ("04_ppo.py", "--env Pendulum-v1 --imu", "--env"),
+        ("04_ppo.py", "--env Pendulum-v1 --resume", "--env"),
+        ("05_evaluate.py", "--episodes 0", "--episodes from 1"),
+        ("05_evaluate.py", "--episodes 10001", "to 10000"),
+        ("05_evaluate.py", "--friction -0.1", "--friction"),
+        ("05_evaluate.py", "--push -0.1", "--push"),
+        ("05_evaluate.py", "--push nan", "--push"),
+        ("05_evaluate.py", "--push inf", "--push"),
+        ("05_evaluate.py", "--goals=", "needs columns x, y, yaw"),
+        ("05_evaluate.py", "--goals a_file --far", "--far"),
+    ],
+)
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
     (tmp_path / "a_file").write_text("not a folder")
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as caught:
         main_of(script, monkeypatch, *arguments.split())
     assert caught.value.code == 2
-    line, = capfd.readouterr().err.splitlines()
+    (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith(f"{script}: "), f"say who complains: {line!r}"
     assert mention in line, f"name the value that is wrong: {line!r}"
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"], "wrong values write nothing"
 
+
 COMMON = {"--mujoco", "--seed", "--out"}
+
 
 @pytest.mark.parametrize("script", FLAGS)
 def test_help_names_every_flag(tmp_path, monkeypatch, capsys, script):
@@ -132,8 +201,17 @@ def test_help_names_every_flag(tmp_path, monkeypatch, capsys, script):
     question = import_module(script.removesuffix(".py")).__doc__.splitlines()[0]
     assert question in text, "--help begins with the question that the stage answers"
 
-@pytest.mark.parametrize("page", [*FLAGS, "README.md", "results/STUDIES.md",
-                                  "results/pymunk/README.md", "results/mujoco/README.md"])
+
+@pytest.mark.parametrize(
+    "page",
+    [
+        *FLAGS,
+        "README.md",
+        "results/STUDIES.md",
+        "results/pymunk/README.md",
+        "results/mujoco/README.md",
+    ],
+)
 def test_commands_and_files_that_a_page_or_stage_names_exist(page):
     text = (ROOT / page).read_text(encoding="utf-8")
     commands = re.findall(r"(0\d_\w+\.py)([^`\n]*)", text)
@@ -144,9 +222,11 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page):
     for path in re.findall(r"tests/[\w/]+\.py", text):
         assert (ROOT / path).is_file(), f"{page} names {path}, which does not exist"
 
+
 # ------------------------------------------------------------------------ numbers of the course
 EXERCISES = ROOT / "tests" / "exercises"
 PREDICT = "tests/exercises/predict.py"
+
 
 def numbers(line):
     """A line without its numbers, and its numbers."""
@@ -154,13 +234,31 @@ def numbers(line):
     line = line.replace("−", "-").split("  (")[0]
     return re.sub(pattern, "#", line).split(), [float(x) for x in re.findall(pattern, line)]
 
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name, commands, tolerance", [
-    ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco",
-              "01_robot_model.py --mujoco --seed 1"], 0.011),
-    ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96 walks, by chance and machine
-    ("circle", [f"{PREDICT} circle"], 0.0011), ("sharpness", [f"{PREDICT} sharpness"], 0.0011),
-    ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5)], ids=str)
+@pytest.mark.parametrize(
+    "name, commands, tolerance",
+    [
+        (
+            "lean",
+            [
+                "01_robot_model.py",
+                "01_robot_model.py --mujoco",
+                "01_robot_model.py --mujoco --seed 1",
+            ],
+            0.011,
+        ),
+        (
+            "reflex",
+            [f"{PREDICT} reflex --mujoco"],
+            0.06,
+        ),  # shares of 96 walks, by chance and machine
+        ("circle", [f"{PREDICT} circle"], 0.0011),
+        ("sharpness", [f"{PREDICT} sharpness"], 0.0011),
+        ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
+    ],
+    ids=str,
+)
 def test_predictions_show_what_their_commands_print(tmp_path, name, commands, tolerance):
     page = (EXERCISES / "predict.md").read_text(encoding="utf-8")
     section = page.split(f"\n## {name}:")[1].split("\n## ")[0].split("What we measured")[1]
@@ -170,5 +268,6 @@ def test_predictions_show_what_their_commands_print(tmp_path, name, commands, to
     assert told, f"predict.md, {name}: where are the measured lines?"
     for line in told:
         words, values = numbers(line)
-        assert any(words == other and values == pytest.approx(more, abs=tolerance)
-                   for other, more in found), f"predict.md, {name}: {line!r}, but:\n{printed}"
+        assert any(
+            words == other and values == pytest.approx(more, abs=tolerance) for other, more in found
+        ), f"predict.md, {name}: {line!r}, but:\n{printed}"

@@ -25,9 +25,11 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 ROBOT, LIMITS = robot_model.RobotModel(), env.LIMITS["pymunk"]
 STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark")
 
+
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
     monkeypatch.setattr(robot_model, "CORES", 1)
+
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
@@ -45,6 +47,7 @@ def test_every_study_says_its_question_and_then_its_duration(name, capsys, monke
     files = {path.name for path in tmp_path.iterdir()}
     assert files == {f"{name}.json", f"{name}.md", f"{name}.png"}
 
+
 def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     parts = {"one": lambda args: {"rows": [1, (2, 3)]}, "two": lambda args: 1 / 0}
     study = SimpleNamespace(__name__="both", PARTS=parts, table=lambda found, sim: f"{found}\n")
@@ -56,8 +59,12 @@ def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     assert found == {"two": {"rows": []}, "one": {"rows": [1, [2, 3]]}}
     assert (tmp_path / "both.md").read_text(encoding="utf-8") == f"{found}\n", "as from the file"
 
-@pytest.mark.parametrize("path", sorted(common.RESULTS.glob("*/studies/*.json")),
-                         ids=lambda path: f"{path.parts[-3]}-{path.stem}")
+
+@pytest.mark.parametrize(
+    "path",
+    sorted(common.RESULTS.glob("*/studies/*.json")),
+    ids=lambda path: f"{path.parts[-3]}-{path.stem}",
+)
 def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
     study, sim, found = import_module(path.stem), path.parts[-3], common.read_json(path)
     assert study.table(found, sim) == path.with_suffix(".md").read_text(encoding="utf-8")
@@ -65,6 +72,7 @@ def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
         figure = study.plot(found, sim)
         assert all(axes.lines for axes in figure.axes)
         robot_model.plt.close(figure)
+
 
 def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)
@@ -81,12 +89,18 @@ def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     assert (far["friction"] == 1.2).all(), "friction is what was asked for"
     assert not np.isclose(tuning["friction"], both["friction"][:2]).any(), "other worlds"
 
+
 def test_a_policy_is_compared_with_its_references(monkeypatch):
     def walks(seconds, *_):  # here a planner is the time of its three walks
         yes = np.full(3, True)
-        return {"outcome": np.full(3, "success"), "time": np.full(3, seconds),
-                "time_once": np.full(3, seconds), "still_there": yes, "reached_once": yes,
-                "least": np.full(3, 1.0)}
+        return {
+            "outcome": np.full(3, "success"),
+            "time": np.full(3, seconds),
+            "time_once": np.full(3, seconds),
+            "still_there": yes,
+            "reached_once": yes,
+            "least": np.full(3, 1.0),
+        }
 
     monkeypatch.setattr(common, "walks", walks)
     monkeypatch.setattr(common, "PER_SET", 3)
@@ -96,10 +110,14 @@ def test_a_policy_is_compared_with_its_references(monkeypatch):
     assert ratios == near + near, "near, then far"
     assert [row["falls"] for row in rows] == [0] * 6
 
+
 def test_the_median_seed_is_neither_the_best_nor_the_worst():
-    rows = [{"seed": seed, "success": success, "time_mean": time}
-            for seed, success, time in ((0, 1.0, 5.0), (1, 1.0, 6.0), (2, 0.9, None))]
+    rows = [
+        {"seed": seed, "success": success, "time_mean": time}
+        for seed, success, time in ((0, 1.0, 5.0), (1, 1.0, 6.0), (2, 0.9, None))
+    ]
     assert seeds.median_seed(rows) == 1, "by success first; then the slower one is the worse one"
+
 
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
@@ -110,22 +128,30 @@ def test_slow_noise_is_as_large_and_stays():
     anew = world._noisy(env.NOISE, zero, robots, std)
     world.close()
     close(np.std(seen, (1, 2)), 0.05, rtol=0.08, err_msg="also the first")
-    for one, other, want in ((seen[:-1], seen[1:], 0.9), (seen[:-5], seen[5:], 0.9**5),
-                             (seen[-1], anew, 0)):
+    for one, other, want in (
+        (seen[:-1], seen[1:], 0.9),
+        (seen[:-5], seen[5:], 0.9**5),
+        (seen[-1], anew, 0),
+    ):
         assert np.corrcoef(np.ravel(one), np.ravel(other))[0, 1] == pytest.approx(want, abs=0.1)
+
 
 def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch):
     met = []
     monkeypatch.setattr(common, "PER_SET", 1)
     monkeypatch.setattr(common, "row_of", lambda ended, name, *_, far: {"planner": name})
-    monkeypatch.setattr(common, "walks", lambda planner, world, *_, **more: met.append(
-        (world.engine.parameters.reflex, world.push)))
+    monkeypatch.setattr(
+        common,
+        "walks",
+        lambda planner, world, *_, **more: met.append((world.engine.parameters.reflex, world.push)),
+    )
     monkeypatch.setattr(common, "policy", lambda path, sim: path)
     rows = kicks.study_pushes(Namespace(sim="mujoco"))["rows"]
     kinds = [*itertools.product((True, False), kicks.SPEEDS, ("policy", "baseline_tuned"))]
     assert [(row["reflex"], row["speed"], row["planner"]) for row in rows] == kinds
     gain = walk_engine.TUNED["mujoco"].reflex
     assert met == [(gain * reflex, speed) for reflex, speed, _ in kinds], "what the row says"
+
 
 def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     first, obs = np.array([0.2, 0.5, 0.8]), torch.zeros(100, 4)
@@ -147,6 +173,7 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
     model.actor[-1].bias.data += 0.4
     close(model.decide(obs)[0], [0.6, 0.9, 1.0], atol=0.02, err_msg="clipped")
 
+
 def test_highest_speed_ignores_everything_beyond_the_first_fall():
     levels, count = walk.LEVELS, len(walk.PATTERN)
     moving = sum(walk.PATTERN) * 0.5  # [s]
@@ -160,12 +187,15 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
     forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
     assert forward == pytest.approx(1 / moving), (
         "its way along its axis, from its first pose on, by the time of all double steps that are "
-        "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period")
+        "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period"
+    )
     fall[4::levels] = 2  # level 5 falls
     for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
         assert speed == pytest.approx(ways[2] / moving), (
             f"{direction}: of eight levels the third is the fastest below the first one that "
-            "fell, and not the last one that stood; a way counts to whichever side")
+            "fell, and not the last one that stood; a way counts to whichever side"
+        )
+
 
 def test_soles_are_where_mujoco_has_them():
     rng = np.random.default_rng(5)
@@ -181,12 +211,19 @@ def test_soles_are_where_mujoco_has_them():
             sole = data.geom(f"{side} sole")
             placed = sole.xpos + corners * model.geom(sole.id).size @ sole.xmat.reshape(3, 3).T
             assert lowest[i, foot] == pytest.approx(placed[:, 2].min(), abs=1e-9), (
-                f"{side}: the sole is beside its ankle, outward; its lowest corner counts")
+                f"{side}: the sole is beside its ankle, outward; its lowest corner counts"
+            )
+
 
 def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     """Robots follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""
-    p = replace(walk_engine.TUNED["mujoco"], half_ticks=30, double_support=1 / 3,
-                foot_rise=0.04, trunk_roll=0.05)  # the swing: 20 of 30 ticks
+    p = replace(
+        walk_engine.TUNED["mujoco"],
+        half_ticks=30,
+        double_support=1 / 3,
+        foot_rise=0.04,
+        trunk_roll=0.05,
+    )  # the swing: 20 of 30 ticks
     plans, rows, seen = walk.PLANS, 4 * walk.LEVELS, {}
 
     def fake(sim, parameters, footsteps, body, disturb, watch):
@@ -222,7 +259,8 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     assert np.ptp(seen["body"].mass) > 0.1, "all have drawn bodies"
     gyro = seen["gyro"]  # [n, 120, 2] errors [rad/s]
     assert gyro.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 120) ** 0.5, rel=0.1), (
-        "a constant error of each robot, ± 0.05 rad/s")
+        "a constant error of each robot, ± 0.05 rad/s"
+    )
     assert gyro.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
     moving = sum(walk.PATTERN) * period  # [s]
     for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
@@ -235,6 +273,7 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
     close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
     assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
+
 
 def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch):
     """Instead of walking, every candidate is scored by its distance to a known optimum."""
@@ -266,11 +305,13 @@ def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch
     # The candidates are rounded, half_ticks to one of 15 whole numbers: hence the tolerance.
     error = np.abs(rounds[1, 0] - 0.3 * seen[0] - 0.7 * best.mean(0))
     assert (error < np.where(np.array([*walk.SEARCH]) == "half_ticks", 0.06, 3e-3)).all(), (
-        "the new mean: 30 % of the old one, 70 % of the BEST quarter, those of the largest scores")
+        "the new mean: 30 % of the old one, 70 % of the BEST quarter, those of the largest scores"
+    )
     # A local search whose spread shrinks quickly: from this far it stops at about 40 %.
     assert np.linalg.norm(found - optimum) < 0.5 * away[0, 0], "further away than half of the way"
     assert (worlds == worlds[:, :1]).all(), "in one round luck must be the same for all"
     assert len(set(worlds[:, 0])) == 15, "other worlds in every round: or it learns one by heart"
+
 
 def test_the_shipped_share_of_falls_is_that_within_the_limits():
     for sim, limits in env.LIMITS.items():
@@ -280,22 +321,36 @@ def test_the_shipped_share_of_falls_is_that_within_the_limits():
             falls = np.array(found[title]["falls"])[inside]
             assert falls.mean() == pytest.approx(found[title]["fall_inside"], abs=1e-4), title
 
+
 HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
 LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
-ODD = np.array([(0.13, 0.0, 0.0), (-0.07, 0.0, 0.0), (0.02, 0.06, 0.0), (0.02, -0.06, 0.0),
-                (0.06, 0.01, 0.4), (0.06, -0.01, -0.4)])  # not in whole cells
+ODD = np.array(
+    [
+        (0.13, 0.0, 0.0),
+        (-0.07, 0.0, 0.0),
+        (0.02, 0.06, 0.0),
+        (0.02, -0.06, 0.0),
+        (0.06, 0.01, 0.4),
+        (0.06, -0.01, -0.4),
+    ]
+)  # not in whole cells
+
 
 @pytest.fixture
 def small_map(monkeypatch):
     """Maps of another size: (cells on each side, turns around the circle)."""
+
     def build(half, turns):
         for name, value in ("HALF", half), ("TURNS", turns), ("TURN", 2 * math.pi / turns):
             monkeypatch.setattr(search, name, value)
+
     return build
+
 
 def in_metres(moves):
     """Moves in cells and quarter turns as moves in m, m, rad."""
     return np.array(moves) * (search.CELL, search.CELL, math.pi / 2)
+
 
 def fewest_moves(moves, half):
     """By trying everything: moves [whole cells, whole cells, quarter turns] -> V [4, x, y]."""
@@ -307,20 +362,33 @@ def fewest_moves(moves, half):
         open_ones -= new
         for k, x, y in new:
             value[k, x + half, y + half] = count[k, x + y * 1j]
-        new = {(k, x, y) for k, x, y in open_ones
-               if any(((k + turn) % 4, x + y * 1j + 1j**k * (ahead + aside * 1j)) in count
-                      for ahead, aside, turn in moves)}
+        new = {
+            (k, x, y)
+            for k, x, y in open_ones
+            if any(
+                ((k + turn) % 4, x + y * 1j + 1j**k * (ahead + aside * 1j)) in count
+                for ahead, aside, turn in moves
+            )
+        }
         count.update(dict.fromkeys(((k, x + y * 1j) for k, x, y in new), max(count.values()) + 1))
     return value
+
 
 def test_steps_to_go_is_the_fewest_moves(small_map):
     small_map(half=5, turns=4)
     truth = fewest_moves(LATTICE, half=5)
     assert 4 < truth[truth < search.FAR].max() < search.FAR, "this test's brute force is too easy"
     found = search.steps_to_go(in_metres(LATTICE), HERE)
-    close(found, truth, atol=0.01, err_msg=(
-        "V[yaw, x, y] of the robot seen from the goal: are x and y swapped, or the move turned by "
-        "−yaw? The map ends at its edge: outside, the goal is out of reach"))
+    close(
+        found,
+        truth,
+        atol=0.01,
+        err_msg=(
+            "V[yaw, x, y] of the robot seen from the goal: are x and y swapped, or the move turned by "
+            "−yaw? The map ends at its edge: outside, the goal is out of reach"
+        ),
+    )
+
 
 def test_steps_to_go_obeys_its_equation(small_map):
     small_map(half=12, turns=12)
@@ -328,15 +396,28 @@ def test_steps_to_go_obeys_its_equation(small_map):
     k, i, j = np.meshgrid(np.arange(12), np.arange(4, 21), np.arange(4, 21), indexing="ij")
     poses = np.stack([(i - 12) * 0.05, (j - 12) * 0.05, k * math.radians(30)], -1)
     (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
-    moved = np.stack([x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
-                      y + np.sin(yaw) * ahead + np.cos(yaw) * aside, yaw + turn], -1)  # [..., A, 3]
+    moved = np.stack(
+        [
+            x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
+            y + np.sin(yaw) * ahead + np.cos(yaw) * aside,
+            yaw + turn,
+        ],
+        -1,
+    )  # [..., A, 3]
     at_goal = (np.hypot(poses[..., 0], poses[..., 1]) <= 0.05 + 1e-9) & (k == 0)
     after = np.minimum(search.FAR, 1 + search.look_up(value, moved).min(-1))
     after = np.where(at_goal, 0, after)
     assert after.max() < search.FAR, "all of these can reach it: repeat until nothing changes"
-    close(value[k, i, j], after, atol=0.02, err_msg=(
-        "V = 1 + min over moves of V after the move: was it repeated until nothing changed? And "
-        "V = 0 at the goal: within 5 cm it has arrived"))
+    close(
+        value[k, i, j],
+        after,
+        atol=0.02,
+        err_msg=(
+            "V = 1 + min over moves of V after the move: was it repeated until nothing changed? And "
+            "V = 0 at the goal: within 5 cm it has arrived"
+        ),
+    )
+
 
 def test_look_up_is_linear_between_cells(small_map):
     small_map(half=3, turns=8)
@@ -344,45 +425,73 @@ def test_look_up_is_linear_between_cells(small_map):
     x, y = rng.uniform(-0.15, 0.15, (2, 200)).round(2)  # some on cells, some on the edge
     plane = np.tile(np.arange(7)[:, None] * 2.0 - np.arange(7), (8, 1, 1))
     found = search.look_up(plane, np.stack([x, y, rng.uniform(-9, 9, 200)], -1))
-    close(found, 2 * (x / 0.05 + 3) - (y / 0.05 + 3), atol=1e-3, err_msg=(
-        "value[yaw, x, y]: on a cell V is that of the cell; between them it is the mean of the "
-        "eight corners by their shares, so a slanted plane stays one"))
-    close(search.look_up(plane, np.broadcast_to([9.0, -9.0, 1.0], 3)), 12, atol=1e-3, err_msg=(
-        "Beyond the map V is that of its edge: clip x and y, not the cell only"))
+    close(
+        found,
+        2 * (x / 0.05 + 3) - (y / 0.05 + 3),
+        atol=1e-3,
+        err_msg=(
+            "value[yaw, x, y]: on a cell V is that of the cell; between them it is the mean of the "
+            "eight corners by their shares, so a slanted plane stays one"
+        ),
+    )
+    close(
+        search.look_up(plane, np.broadcast_to([9.0, -9.0, 1.0], 3)),
+        12,
+        atol=1e-3,
+        err_msg=("Beyond the map V is that of its edge: clip x and y, not the cell only"),
+    )
     value = rng.uniform(0, 9, (8, 7, 7))
     middle = search.look_up(value, np.array([0.025, -0.025, math.pi / 8]))
     assert middle == pytest.approx(value[:2, 3:5, 2:4].mean()), "the mean of the eight corners"
 
+
 def test_look_up_closes_the_circle_of_yaws(small_map):
     small_map(half=1, turns=8)
     value = np.tile(np.arange(8.0)[:, None, None], (1, 3, 3))
-    for yaw, expected in ((315, 7), (337.5, 3.5), (-22.5, 3.5), (359.9999, 0), (360, 0), (-90, 6),
-                          (-45 - 720, 7)):
+    for yaw, expected in (
+        (315, 7),
+        (337.5, 3.5),
+        (-22.5, 3.5),
+        (359.9999, 0),
+        (360, 0),
+        (-90, 6),
+        (-45 - 720, 7),
+    ):
         found = search.look_up(value, np.array([0, 0, math.radians(yaw)]))
         assert found == pytest.approx(expected, abs=1e-4), f"{yaw}°: after the last yaw, the first"
+
 
 def test_double_steps_favour_no_side_and_stay_within_the_limits():
     steps = search.double_steps(LIMITS)
     assert not steps[0].any(), "the first one is in place"
     twice = env.to_footsteps(env.to_action(steps, LIMITS), LIMITS)
     close(twice, steps, atol=1e-12, err_msg="all within the limits, so walked as searched")
-    left_first, right_first = (np.unique(order.reshape(-1, 6).round(9) + 0.0, axis=0)
-                               for order in (steps, steps[:, ::-1]))
+    left_first, right_first = (
+        np.unique(order.reshape(-1, 6).round(9) + 0.0, axis=0) for order in (steps, steps[:, ::-1])
+    )
     equal(left_first, right_first, "what one foot can, the other one can")
     sideways = steps[:, 0, 1] - steps[:, 1, 1]  # [A] [m] to the left: both feet
     assert sideways.max() == pytest.approx(LIMITS.high[1] - LIMITS.low[1]), (
-        "one foot steps outward, then the other one follows inward")
+        "one foot steps outward, then the other one follows inward"
+    )
     assert np.abs(search.double_steps(LIMITS, 0.5)[..., 0]).max() == 0.09, "half of 18 cm"
+
 
 def test_displacements_are_those_of_a_steady_walk():
     steps = np.array([[[0, 0, 0]] * 2, [[0.05, 0, 0.2], [0.05, 0, -0.2]], [[9, 0, 0]] * 2])
     moves, stood = search.displacements("mujoco", steps)
     assert stood.tolist() == [True, True, False]
-    close(moves[:2], [[0, 0, 0], [0.1, 0.02, 0.4]], atol=0.02, err_msg=(
-        "a double step, seen from where the robot was and looked before"))
+    close(
+        moves[:2],
+        [[0, 0, 0], [0.1, 0.02, 0.4]],
+        atol=0.02,
+        err_msg=("a double step, seen from where the robot was and looked before"),
+    )
+
 
 STEPS = np.zeros((len(LATTICE), 2, 3))
 STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
+
 
 def lattice_planner(small_map, change, task=HERE):
     """A Planner on LATTICE moves, whose actions differ by 0.2 from one to the next."""
@@ -390,14 +499,16 @@ def lattice_planner(small_map, change, task=HERE):
     moves = in_metres(LATTICE)
     return search.Planner((STEPS, moves, search.steps_to_go(moves, task), change))
 
+
 def decision(planner, pose, last=0):
     """Which move it takes there after that one; pose [3] of the robot seen from the goal."""
     actions = env.to_action(STEPS, LIMITS)
     view = env.View(0.62, LIMITS, None, np.stack([actions[[last]]] * 2, 1), None)
     goal = robot_model.relative(np.array([pose]), np.zeros(3))
     planner.reset(1)
-    action, = planner.act(view, np.array([0]), goal)
+    (action,) = planner.act(view, np.array([0]), goal)
     return int(np.abs(actions - action).max(-1).argmin())
+
 
 def test_search_arrives_after_as_many_steps_as_its_map_says(small_map):
     planner = lattice_planner(small_map, change=1.0)
@@ -409,18 +520,26 @@ def test_search_arrives_after_as_many_steps_as_its_map_says(small_map):
         end = [*pose[:2], robot_model.wrap(pose[2])]
         close(end, 0, atol=1e-9, err_msg=f"not there after {left} moves")
 
-@pytest.mark.parametrize("change, x, last, moves, why", [
-    (1.0, 0.0, 0, [0], "it stays at the goal"),
-    (1.0, -0.05, 0, [0], "arrived: one more move ahead wins nothing"),
-    (0.25, -0.2, 0, [1], "four cells: best is to go"),
-    (0.15, -0.2, 0, [0], "too different: do as before"),
-    (0.15, 0.0, 3, [3], "it cannot stop at once"),
-    *((1.0, -far, 0, [1, 3], "beyond the map of 0.45 m: on, not on the spot")
-      for far in (0.5, 1.0, 9.0))])
+
+@pytest.mark.parametrize(
+    "change, x, last, moves, why",
+    [
+        (1.0, 0.0, 0, [0], "it stays at the goal"),
+        (1.0, -0.05, 0, [0], "arrived: one more move ahead wins nothing"),
+        (0.25, -0.2, 0, [1], "four cells: best is to go"),
+        (0.15, -0.2, 0, [0], "too different: do as before"),
+        (0.15, 0.0, 3, [3], "it cannot stop at once"),
+        *(
+            (1.0, -far, 0, [1, 3], "beyond the map of 0.45 m: on, not on the spot")
+            for far in (0.5, 1.0, 9.0)
+        ),
+    ],
+)
 def test_search_decides(small_map, change, x, last, moves, why):
     task = env.Task() if x == -0.05 else HERE  # 5 cm are enough
     planner = lattice_planner(small_map, change, task)
     assert decision(planner, (x, 0.0, 0.0), last) in moves, why
+
 
 def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_path, monkeypatch):
     steps = search.double_steps(LIMITS, 0.5)
@@ -431,8 +550,10 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
     monkeypatch.setattr(common, "RESULTS", tmp_path)
     for wrote, read in zip(known, search.read_map(LIMITS)):
         close(read, wrote, atol=0.026, err_msg="V: in twentieths of a step")
-    for known, other in ((env.LIMITS, replace(LIMITS, high=(0.17, 0.15, 0.6))),
-                         (walk_engine.TUNED, replace(walk_engine.TUNED["pymunk"], reflex=0.04))):
+    for known, other in (
+        (env.LIMITS, replace(LIMITS, high=(0.17, 0.15, 0.6))),
+        (walk_engine.TUNED, replace(walk_engine.TUNED["pymunk"], reflex=0.04)),
+    ):
         with monkeypatch.context() as patch:
             patch.setitem(known, "pymunk", other)
             view = env.View(0.62, env.LIMITS["pymunk"], None, None, None)
@@ -440,15 +561,21 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
                 search.Planner().act(view, np.array([0]), np.zeros((1, 3)))
         assert len(str(error.value).splitlines()) == 1
 
+
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
     paper = {"fall": 0.0, "time": 20.0, "still_there": 0.98}
-    rows = [paper | {"time": 9.0}, paper | {"time": 8.0, "fall": 0.005},
-            paper | {"time": 7.0, "fall": 0.006}, paper | {"time": 6.0, "still_there": 0.969},
-            paper | {"time": None, "still_there": None}]
+    rows = [
+        paper | {"time": 9.0},
+        paper | {"time": 8.0, "fall": 0.005},
+        paper | {"time": 7.0, "fall": 0.006},
+        paper | {"time": 6.0, "still_there": 0.969},
+        paper | {"time": None, "still_there": None},
+    ]
     best = baseline.choose(rows, paper)[0]
     assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
     safe, rule = baseline.choose(rows[2:4], paper)
     assert safe is rows[3] and "none" in rule, "none of the safe ones stays: the fastest of them"
+
 
 def test_tuning_tries_all_settings_of_planners_that_use_them(monkeypatch):
     tried, row = [], {"time": 7.0, "fall": 0.0, "timeout": 0.0, "still_there": 1.0}

@@ -15,17 +15,21 @@ ROBOT = robot_model.RobotModel()
 BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
+
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
     """Starting processes takes longer than these walks; robots in several are test_robot's."""
     monkeypatch.setattr(robot_model, "CORES", 1)
 
+
 def make_engine(sim, num_robots=1):
     return walk_engine.WalkEngine(num_robots, walk_engine.TUNED[sim], ROBOT, sim == "pymunk")
+
 
 def random_footsteps(rng, *shape):
     """Left and right footsteps [..., 2, 3], about as large as those of the task."""
     return rng.uniform((-0.08, -0.03, -0.2), (0.12, 0.07, 0.3), (*shape, 2, 3))
+
 
 def test_quintic_meets_its_six_boundary_conditions():
     rng = np.random.default_rng(0)
@@ -38,16 +42,28 @@ def test_quintic_meets_its_six_boundary_conditions():
             c = np.polynomial.Polynomial(splines[i, k])
             for t, want, where in ((0.0, start, "start"), (duration, end, "end")):
                 got = [c.deriv(order)(t) if order else c(t) for order in range(3)]
-                close(got, want[i, k], atol=1e-6, err_msg=(
-                    f"{where}: position, velocity, acceleration; c₀ comes first; is c₂ = a₀/2? the "
-                    "powers of T?"))
+                close(
+                    got,
+                    want[i, k],
+                    atol=1e-6,
+                    err_msg=(
+                        f"{where}: position, velocity, acceleration; c₀ comes first; is c₂ = a₀/2? the "
+                        "powers of T?"
+                    ),
+                )
+
 
 def test_rest_to_rest_is_the_minimum_jerk_curve():
     tau = np.linspace(0, 1, 21)
     c = walk_engine.quintic([0, 0, 0], [2.0, 0, 0], 0.7)
     want = 2.0 * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
-    close(walk_engine.polynomial(c, 0.7 * tau), want, atol=1e-9, err_msg=(
-        "from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends"))
+    close(
+        walk_engine.polynomial(c, 0.7 * tau),
+        want,
+        atol=1e-9,
+        err_msg=("from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends"),
+    )
+
 
 @BOTH
 def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
@@ -55,62 +71,97 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
     plans = [engine.plan(random_footsteps(rng, 1), [0]) for _ in range(6)]
     for (first, first_feet), (second, second_feet) in zip(plans, plans[1:]):
         before, after = first.trunk[0], second.trunk[0]  # [T + 1, 6]
-        close(first_feet[0, -1], second_feet[0, 0], atol=1e-9, err_msg=(
-            "a foot jumps: the next plan must start where this one ended"))
+        close(
+            first_feet[0, -1],
+            second_feet[0, 0],
+            atol=1e-9,
+            err_msg=("a foot jumps: the next plan must start where this one ended"),
+        )
         # Each side of the seam is one quintic: a fit of degree 5 is exact.
         last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
         start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
-            close(start[order], last[order], atol=1e-6, err_msg=(
-                f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
-                "steps: the next spline starts with the state in which this one ended"))
+            close(
+                start[order],
+                last[order],
+                atol=1e-6,
+                err_msg=(
+                    f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
+                    "steps: the next spline starts with the state in which this one ended"
+                ),
+            )
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
     standing = np.polynomial.polynomial.polyfit(dt * np.arange(10), plans[0][0].trunk[0, :10], 5)
     close(standing[1:3], 0, atol=1e-6, err_msg="a walk begins at rest: velocity or c₂ jumps there")
     jump = max(np.abs(np.diff(trajectory.joints, axis=1)).max() for trajectory, _ in plans)
     assert jump < 0.2, f"a joint's target jumps by {jump:.2f} rad in a tick"
 
+
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
 def test_trunk_passes_its_knots_between_the_feet(phase):
-    p = replace(walk_engine.TUNED["mujoco"], half_ticks=28, trunk_phase=phase,
-                trunk_swing=0.3, trunk_x_offset=0.02, trunk_pitch=0.1, pitch_per_step=0.5,
-                pitch_per_turn=0.4, trunk_roll=0.05)
-    for footsteps in ([[0, 0, 0], [0, 0, 0]], [[0.08, 0, 0], [0.08, 0, 0]],
-                      [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]], [[0, 0, -0.2], [0, 0, 0.2]]):
+    p = replace(
+        walk_engine.TUNED["mujoco"],
+        half_ticks=28,
+        trunk_phase=phase,
+        trunk_swing=0.3,
+        trunk_x_offset=0.02,
+        trunk_pitch=0.1,
+        pitch_per_step=0.5,
+        pitch_per_turn=0.4,
+        trunk_roll=0.05,
+    )
+    for footsteps in (
+        [[0, 0, 0], [0, 0, 0]],
+        [[0.08, 0, 0], [0.08, 0, 0]],
+        [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]],
+        [[0, 0, -0.2], [0, 0, 0.2]],
+    ):
         engine = walk_engine.WalkEngine(1, p, ROBOT)
         left, right = engine.feet[0].copy()
         trunk = engine.plan(np.array([footsteps]), [0])[0].trunk[0]  # [T + 1, 6]
         new_left, new_right = engine.feet[0]
-        for k, (support, start, landing) in enumerate(((right, left, new_left),
-                                                       (new_left, right, new_right))):
+        for k, (support, start, landing) in enumerate(
+            ((right, left, new_left), (new_left, right, new_right))
+        ):
             tick = int((k + 0.5 + phase) * p.half_ticks)
             assert tick == (k + 0.5 + phase) * p.half_ticks, "the very tick of the knot"
             x, y, z, roll, pitch, yaw = trunk[tick]
             before, after = (support + start) / 2, (support + landing) / 2
             centre = (before + after) / 2
-            close((z, roll), (p.trunk_height, (0.05, -0.05)[k]), err_msg=(
-                "trunk_roll towards the SUPPORT foot: a positive roll leans to the right"))
+            close(
+                (z, roll),
+                (p.trunk_height, (0.05, -0.05)[k]),
+                err_msg=("trunk_roll towards the SUPPORT foot: a positive roll leans to the right"),
+            )
             assert yaw == pytest.approx(centre[2], abs=1e-9), "the yaw of the middle, half way"
             ahead, aside, _ = robot_model.relative(centre, np.array([x, y, yaw]))
             assert ahead == pytest.approx(p.trunk_x_offset, abs=1e-9), (
-                "half way the trunk is between the feet, and x_offset AHEAD of their middle")
+                "half way the trunk is between the feet, and x_offset AHEAD of their middle"
+            )
             towards = robot_model.relative(centre, support)[1]
             assert (towards < 0) == (k == 0), "while the left foot swings the right one supports"
             assert aside == pytest.approx(p.trunk_swing * towards, abs=1e-9), (
                 f"knot {k + 1}: sideways a share of the way to the SUPPORT foot, which is at "
-                f"{towards:.3f} m; the trunk is at {aside:.3f} m")
+                f"{towards:.3f} m; the trunk is at {aside:.3f} m"
+            )
             forward = robot_model.turned((after - before)[:2], -centre[2])[0]
             turn = abs(after[2] - before[2])
             assert pitch == pytest.approx(0.1 + 0.5 * forward + 0.4 * turn, abs=1e-9), (
                 "the lean is trunk_pitch + pitch_per_step · forward + …; forward: the way of the "
-                "trunk's middle, not of the foot, in its own frame; turns to either side add alike")
+                "trunk's middle, not of the foot, in its own frame; turns to either side add alike"
+            )
             # From knot to knot it is one quintic: a fit of degree 5 is exact.
             near = np.arange(10) if k == 0 else np.arange(-9, 1)
             c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
-            close(c[1, [0, 1, 5]], (after - before) / engine.half, atol=1e-6, err_msg=(
-                "it passes with the mean velocity of the step"))
+            close(
+                c[1, [0, 1, 5]],
+                (after - before) / engine.half,
+                atol=1e-6,
+                err_msg=("it passes with the mean velocity of the step"),
+            )
             close(c[1, 3:5], 0, atol=1e-6, err_msg="there the lean turns back")
             close(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
+
 
 @BOTH
 def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
@@ -125,6 +176,7 @@ def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
     trajectory.push[:] = 1
     assert not trajectory.gyro.any(), "whoever writes pushes into the plan changes the gyro"
 
+
 @BOTH
 def test_all_zero_footsteps_step_on_the_spot(sim):
     engine = make_engine(sim)
@@ -132,15 +184,24 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
     stands = [[0, p.foot_distance / 2, 0], [0, -p.foot_distance / 2, 0]]
     for _ in range(4):
         trajectory, feet = engine.plan(np.zeros((1, 2, 3)), [0])
-        close(feet[0][..., [0, 1, 3]], np.tile(stands, (feet.shape[1], 1, 1)), atol=1e-6,
-              err_msg="zeros: each foot lands where it was")
+        close(
+            feet[0][..., [0, 1, 3]],
+            np.tile(stands, (feet.shape[1], 1, 1)),
+            atol=1e-6,
+            err_msg="zeros: each foot lands where it was",
+        )
         rise = feet[0, ..., 2]  # [T + 1, 2]
         close(rise.max(0), p.foot_rise, rtol=0.1, err_msg="half way it is as high as foot_rise")
         close(rise.min(-1), 0, atol=1e-9, err_msg="one foot is always on the ground, z = 0")
-        close(rise[[half, -1], [0, 1]], 0, atol=1e-9, err_msg=(
-            "half of the swing up, half of it down: a foot lands at height 0"))
+        close(
+            rise[[half, -1], [0, 1]],
+            0,
+            atol=1e-9,
+            err_msg=("half of the swing up, half of it down: a foot lands at height 0"),
+        )
         assert np.all(np.abs(trajectory.trunk[0, :, 0]) < 0.02), "the trunk stays above the feet"
     assert rise[half // 2, 0] > 0.01 and rise[half + half // 2, 1] > 0.01, "left swings first"
+
 
 def test_swing_foot_waits_rises_and_lands_at_rest():
     engine = make_engine("mujoco")
@@ -148,14 +209,23 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
     left = feet[0, : engine.parameters.half_ticks + 1, 0]  # [K, 4]
     waiting = int(engine.parameters.double_support * engine.parameters.half_ticks)
     assert waiting >= 1, "the test should see the double support"
-    close(left[: waiting + 1], left[:1].repeat(waiting + 1, 0), atol=1e-9, err_msg=(
-        "it waits during the double support, on the ground"))
-    close(left[-2, [0, 1, 3]], engine.feet[0, 0], atol=2e-3, err_msg=(
-        "x, y and yaw just before it lands: it lands where it shall, and at rest"))
+    close(
+        left[: waiting + 1],
+        left[:1].repeat(waiting + 1, 0),
+        atol=1e-9,
+        err_msg=("it waits during the double support, on the ground"),
+    )
+    close(
+        left[-2, [0, 1, 3]],
+        engine.feet[0, 0],
+        atol=2e-3,
+        err_msg=("x, y and yaw just before it lands: it lands where it shall, and at rest"),
+    )
     assert left[-2, 2] > 1e-6, "it lands at the end of the single step, and waits before it only"
     speed = np.abs(np.diff(left, axis=0)) / ROBOT.control_dt
     assert np.all(speed[-1] < 0.1 * speed.max(0) + 1e-9), "the foot should land at rest"
     assert left[:, 2].min() > -1e-9, f"below the ground: z = {left[:, 2].min()} m"
+
 
 @BOTH
 def test_plans_of_many_robots_equal_single_plans(sim):
@@ -168,6 +238,7 @@ def test_plans_of_many_robots_equal_single_plans(sim):
             want, want_feet = single[i].plan(footsteps[row : row + 1], [0])
             for a, b in ((got.joints, want.joints), (got.trunk, want.trunk), (feet, want_feet)):
                 close(a[row], b[0], atol=1e-12, err_msg="robots must not mix")
+
 
 @BOTH
 def test_feet_land_where_the_footsteps_put_them(sim):
@@ -182,6 +253,7 @@ def test_feet_land_where_the_footsteps_put_them(sim):
         landed = feet[0, -1][:, [0, 1, 3]]
         close(landed, [left, right], atol=1e-9, err_msg=f"left and right foot, double step {k}")
         close(engine.feet[0], landed, atol=1e-12, err_msg="the engine remembers where they are")
+
 
 @BOTH
 def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
@@ -200,28 +272,36 @@ def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
     torso[0] += engine.parameters.trunk_x_offset  # where the simulator's frame begins
     close(trajectory.trunk[:, 0], np.tile(torso, (n, 1)), atol=1e-9)
 
+
 @BOTH
 def test_it_walks_what_is_commanded(sim):
-    count, tests = 8, {  # steps of left and right foot, and the axis along which they move
-        "forward": ([0.08, 0, 0], [0.08, 0, 0], 0),
-        "backward": ([-0.06, 0, 0], [-0.06, 0, 0], 0),
-        "sideways": ([0, 0.06, 0], [0, 0, 0], 1),
-        "turning left": ([0, 0, 0.15], [0, 0, -0.15], 2),
-        "turning right, beyond half a turn": ([0, 0, -0.22], [0, 0, 0.22], 2),
-    }
+    count, tests = (
+        8,
+        {  # steps of left and right foot, and the axis along which they move
+            "forward": ([0.08, 0, 0], [0.08, 0, 0], 0),
+            "backward": ([-0.06, 0, 0], [-0.06, 0, 0], 0),
+            "sideways": ([0, 0.06, 0], [0, 0, 0], 1),
+            "turning left": ([0, 0, 0.15], [0, 0, -0.15], 2),
+            "turning right, beyond half a turn": ([0, 0, -0.22], [0, 0, 0.22], 2),
+        },
+    )
     plans = [[test[:2]] * count for test in tests.values()]
     poses, wanted, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans)
     assert not poses[:, 0].any() and not wanted[:, 0].any(), "all of them begin at the origin"
-    for what, (left, right, axis), got, goal, end in zip(tests, tests.values(), poses[:, -1],
-                                                         wanted[:, -1], fall):
+    for what, (left, right, axis), got, goal, end in zip(
+        tests, tests.values(), poses[:, -1], wanted[:, -1], fall
+    ):
         assert end == count, f"{what}: fell"
         outward = (1, -1, -1)[axis] * right[axis]
         assert goal[axis] == pytest.approx(count * (left[axis] + outward) - outward / 2), (
-            "after a double step the left foot is behind the right one by the right one's step")
+            "after a double step the left foot is behind the right one by the right one's step"
+        )
         assert got[axis] == pytest.approx(goal[axis], rel=0.2), (
-            f"{what}: walked {got[axis]:.2f}, commanded {goal[axis]:.2f} m or rad")
+            f"{what}: walked {got[axis]:.2f}, commanded {goal[axis]:.2f} m or rad"
+        )
         drift = np.delete(got - goal, [axis, 2])
         assert np.all(np.abs(drift) < 0.25), f"{what}: drifts by {drift.round(2)} m"
+
 
 @BOTH
 def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
@@ -229,8 +309,10 @@ def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     wild[0] = 0
     seen, asked, walk = [], [], partial(walk_engine.walk, sim, walk_engine.TUNED[sim])
     poses, wanted, fall = walk(
-        [gentle, wild, gentle], disturb=lambda _, robots: asked.append(robots.tolist()),
-        watch=lambda _, motion: seen.append(len(motion.fell)))
+        [gentle, wild, gentle],
+        disturb=lambda _, robots: asked.append(robots.tolist()),
+        watch=lambda _, motion: seen.append(len(motion.fell)),
+    )
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: it should fall"
     k = fall[1] + 1
     assert seen == [3] * k + [2] * (5 - k), "watch sees every double step of the robots that are up"
@@ -240,13 +322,19 @@ def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     for got, want in zip((poses, wanted, fall), walk([gentle, gentle])):
         equal(got[[0, 2]], want, err_msg="a fall changes another walk")
 
+
 @BOTH
 def test_on_ice_a_curve_gets_less_far_and_turns_less(sim):
     """Slipping is chaotic: on either ground five robots walk nearly the same curve."""
     curve = np.tile([[0.08, 0, 0.2], [0.08, 0, -0.2]], (1, 4, 1, 1))
     plans = curve * np.tile(np.linspace(0.94, 1.06, 5), 2)[:, None, None, None]
-    body = robot_model.Body(np.repeat([ROBOT.friction, 0.02], 5), np.ones((10, 9)),
-                            np.ones((10, 12)), np.zeros((10, 12)), np.zeros(10, int))
+    body = robot_model.Body(
+        np.repeat([ROBOT.friction, 0.02], 5),
+        np.ones((10, 9)),
+        np.ones((10, 12)),
+        np.zeros((10, 12)),
+        np.zeros(10, int),
+    )
     poses, wanted, _ = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body)
     turned = (poses[:, -1, 2] / wanted[:, -1, 2]).reshape(2, 5).mean(1)
     steps = np.diff(poses[..., :2], axis=1)
@@ -254,6 +342,7 @@ def test_on_ice_a_curve_gets_less_far_and_turns_less(sim):
     assert turned[0] == pytest.approx(1.0, abs=0.15), f"{turned[0]:.2f} of the turn: feet scuff?"
     assert turned[1] < 0.6, f"{turned[1]:.2f} of the turn on ice: does the Body reach the walk?"
     assert way[1] < 0.85 * way[0], f"{way[1]:.2f} m on ice, {way[0]:.2f} m on firm ground"
+
 
 @BOTH
 def test_amid_a_walk_a_push_tilts_the_robot_with_the_reflex_less(sim):

@@ -25,14 +25,24 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "tests" / "exercises"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
 
+
 def run(*arguments, cwd=ROOT, **environment):
-    return subprocess.run([sys.executable, *map(str, arguments)], cwd=cwd, text=True, timeout=300,
-                          capture_output=True, encoding="utf-8",
-                          env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment})
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=cwd,
+        text=True,
+        timeout=300,
+        capture_output=True,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
+    )
+
 
 def grade(folder, *more, cwd=ROOT):
-    return run("-m", "pytest", ROOT / "tests", "-p", "no:cacheprovider", "--stages", folder, *more,
-               cwd=cwd)
+    return run(
+        "-m", "pytest", ROOT / "tests", "-p", "no:cacheprovider", "--stages", folder, *more, cwd=cwd
+    )
+
 
 def last_words(done):
     """What a student reads at last."""
@@ -40,13 +50,16 @@ def last_words(done):
     assert found, f"the grading does not come to its end:\n{done.stdout[-2000:]}"
     return words
 
+
 def text_of(name):
     return sheet.find(BOOK[name].file).read_text(encoding="utf-8")
+
 
 def test_readme_and_list_agree():
     heads = re.findall(r"^#### (\w+) (★+) (\d+) minutes$", README, re.MULTILINE)
     assert heads == [(name, "★" * row.stars, str(row.minutes)) for name, row in BOOK.items()], (
-        "tests/exercises/README.md: #### name, stars, minutes in the order of workbook.py")
+        "tests/exercises/README.md: #### name, stars, minutes in the order of workbook.py"
+    )
     place = ""
     for part in re.split(r"^(?=###)", README, flags=re.MULTILINE):
         place = (re.findall(r"^### .*`(\w+)\.py`$", part, re.MULTILINE) or [place])[0]
@@ -59,6 +72,7 @@ def test_readme_and_list_agree():
         assert "You learn " in part, row.name
         for function in row.functions:
             assert f"`{function}`" in part, f"{row.name}: {function} is to be written, too"
+
 
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
@@ -76,6 +90,7 @@ def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
         kept, comments = (re.findall(r"^ *(#.*)", text, re.MULTILINE) for text in (empty, source))
         assert kept == comments, f"{file}: all comments stay, for they hold the equations"
 
+
 def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path):
     script, out = FOLDER / "sheet.py", tmp_path / "my exercises"
     done = run(script, "--out", "my exercises", cwd=tmp_path, PYTHONIOENCODING="cp1252")
@@ -89,20 +104,28 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     mine = out / "04_ppo.py"
     mine.write_text("# a night's work\n")
     again = run(script, "--out", out, cwd=tmp_path)
-    line, = again.stderr.splitlines()
+    (line,) = again.stderr.splitlines()
     assert again.returncode == 2 and "--force" in line and mine.read_text() == "# a night's work\n"
     only = run(script, "--out", out, "--force", "--only", "gae", "quintic", cwd=tmp_path)
     assert only.returncode == 0, only.stderr
     stubs = {name: (out / name).read_text("utf-8").count("exercise: ") for name in files}
     assert stubs == {**dict.fromkeys(files, 0), "04_ppo.py": 1, "02_walk_engine.py": 1}
 
-@pytest.mark.parametrize("arguments, mention", [
-    (["--only", "gea"], "gea"), (["--out", str(ROOT), "--force"], "solutions"),
-    (["--out", str(FOLDER / "sheet.py"), "--force"], "cannot write")], ids=str)
+
+@pytest.mark.parametrize(
+    "arguments, mention",
+    [
+        (["--only", "gea"], "gea"),
+        (["--out", str(ROOT), "--force"], "solutions"),
+        (["--out", str(FOLDER / "sheet.py"), "--force"], "cannot write"),
+    ],
+    ids=str,
+)
 def test_a_sheet_that_cannot_be_written_is_one_line(arguments, mention):
     done = run(FOLDER / "sheet.py", *arguments)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
     assert mention in done.stderr
+
 
 def submission(folder, **bodies):
     """A folder with the files of these exercises only; None: empty, else another body."""
@@ -110,10 +133,14 @@ def submission(folder, **bodies):
     for name, body in bodies.items():
         row, path = BOOK[name], folder / f"{BOOK[name].file}.py"
         text = path.read_text(encoding="utf-8") if path.exists() else text_of(name)
-        text = (sheet.emptied(text, row) if body is None
-                else sheet.replaced(text, row.functions[0], body.splitlines()))
+        text = (
+            sheet.emptied(text, row)
+            if body is None
+            else sheet.replaced(text, row.functions[0], body.splitlines())
+        )
         path.write_text(text, encoding="utf-8", newline="\n")
     return folder
+
 
 @pytest.mark.slow
 def test_an_empty_sheet_can_be_graded(tmp_path):
@@ -127,42 +154,58 @@ def test_an_empty_sheet_can_be_graded(tmp_path):
     assert set(reasons) <= {f"{name} is not written yet" for name in BOOK}, reasons
     assert not list(sheets.glob("__pycache__")), "nothing of ours in a student's folder"
 
+
 def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     folder = submission(tmp_path / "alice smith", wrap=None, compose="return base + pose")
     (folder / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
     done = grade("alice smith", "-k", "wrap or compose or low_pass or gae", cwd=tmp_path)
     words = last_words(done)
     assert done.returncode == 1 and "grading" in done.stdout and "01_robot_model.py" in done.stdout
-    assert re.search(r"compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
-                     r"  Hints: tests/exercises/README.md, exercise \"compose\"\n", words), words
+    assert re.search(
+        r"compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
+        r"  Hints: tests/exercises/README.md, exercise \"compose\"\n",
+        words,
+    ), words
     assert re.search(r"wrap ★: 0 of \d tests pass\n  - wrap is not written yet\n", words), words
     assert "low_pass ★: not handed in, there is no 05_evaluate.py" in words
     assert "  - 04_ppo.py, line 1: SyntaxError: invalid syntax" in words, "and others are graded"
     assert "alice smith: 0 of 4 exercises solved, 0 of 5 stars" in words
     assert len(words.splitlines()) <= 15, "the hints come last, and in a few lines"
 
+
 def test_the_command_of_the_sheets_works_word_for_word_from_the_root():
     done = run(*shlex.split(workbook.command("wrap", "tests/exercises"))[1:])
     assert "wrap ★: not handed in, there is no 01_robot_model.py" in last_words(done)
 
-@pytest.mark.parametrize("folder, mention", [("missing", "there is no such folder"),
-                                             (".", "neither a stage")])
+
+@pytest.mark.parametrize(
+    "folder, mention", [("missing", "there is no such folder"), (".", "neither a stage")]
+)
 def test_a_wrong_folder_is_one_line(tmp_path, folder, mention):
     done = grade(tmp_path / folder, "-k", "gae")
     assert done.returncode == 4 and mention in done.stderr and "Traceback" not in done.stderr
+
 
 @pytest.mark.slow
 def test_an_endless_loop_is_stopped(tmp_path):
     assert grading.PATIENCE == 60
     folder = submission(tmp_path / "slow", low_pass="while True:\n    pass")
-    done = run("-c", "import sys, grading, pytest\n"
-               "grading.PATIENCE = 3\n"
-               "sys.exit(pytest.main(sys.argv[1:]))", "tests", "--stages", folder,
-               "-k", "low_pass or wilson", "-p", "no:cacheprovider",
-               PYTHONPATH=os.pathsep.join([str(ROOT / "tests"), str(FOLDER)]))
+    done = run(
+        "-c",
+        "import sys, grading, pytest\ngrading.PATIENCE = 3\nsys.exit(pytest.main(sys.argv[1:]))",
+        "tests",
+        "--stages",
+        folder,
+        "-k",
+        "low_pass or wilson",
+        "-p",
+        "no:cacheprovider",
+        PYTHONPATH=os.pathsep.join([str(ROOT / "tests"), str(FOLDER)]),
+    )
     words = last_words(done)
     assert "takes longer than 3 s: a loop that never ends?" in words, words
     assert "wilson ★: solved" in words, "the others are graded nevertheless"
+
 
 def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     def said(message):
@@ -170,14 +213,25 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
         return grading.hint(SimpleNamespace(nodeid="x.py::test_gae_is_right", longrepr=longrepr))
 
     assert said("AssertionError: mind the\n  sign\nassert 1 == 2") == "mind the sign"
-    assert said("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
-                "Mismatched elements: 1 / 2 (50%)\nMismatch at index:\n [1]: -3.0 (ACTUAL), 3.0 "
-                "(DESIRED)\nMax absolute") == "its sign (got -3.0, expected 3.0 at [1])"
-    assert said("AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
-                "  Obtained: -3.0\n  Expected: 3.0") == "its sign (got -3.0, expected 3.0)"
+    assert (
+        said(
+            "AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
+            "Mismatched elements: 1 / 2 (50%)\nMismatch at index:\n [1]: -3.0 (ACTUAL), 3.0 "
+            "(DESIRED)\nMax absolute"
+        )
+        == "its sign (got -3.0, expected 3.0 at [1])"
+    )
+    assert (
+        said(
+            "AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
+            "  Obtained: -3.0\n  Expected: 3.0"
+        )
+        == "its sign (got -3.0, expected 3.0)"
+    )
     assert said("ValueError: output array is read-only") == "what is given must not be written to"
     assert said("assert 1 == 2\n + where") == "gae is right: assert 1 == 2"
     assert said("TypeError: no such thing") == "TypeError: no such thing"
+
 
 @cache
 def solution(name):
@@ -188,6 +242,7 @@ def solution(name):
         lines += [f"class {part}:" for part in function.split(".")[:-1]]
         lines += source.splitlines()[node.lineno - 1 : node.end_lineno]
     return "\n".join(lines) + "\n"
+
 
 def changed(name, changes):
     """That text after the changes of an entry of wrong.txt or right.txt."""
@@ -201,25 +256,34 @@ def changed(name, changes):
         if new:
             text = text.replace(old, new.lstrip())
             continue
-        line, = (line for line in text.splitlines(keepends=True) if old in line)
+        (line,) = (line for line in text.splitlines(keepends=True) if old in line)
         indent = line[: len(line) - len(line.lstrip())]
         block = [f"{indent}{new}\n" for new in textwrap.dedent(block).splitlines()]
         text = text.replace(line, "".join(block))
     return text
 
+
 def results_of(file, trains):
     """[exercise, what, words to be said ("": none), what is said]; `trains`: of improve only."""
-    lines = [line for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
-             if line and not line.startswith("#")]
+    lines = [
+        line
+        for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
+        if line and not line.startswith("#")
+    ]
     entries = []
     for entry in re.split(r"\n(?! )", "\n".join(lines)):
         head, _, changes = entry.partition("\n")
         entries.append((*re.fullmatch(r"(\w+): (.+?)(?: \| (.+))?", head).groups(""), changes))
     assert {name for name, *_ in entries} == BOOK.keys(), f"every exercise has entries in {file}"
     entries = [entry for entry in entries if (entry[0] == "improve") == trains]
-    said = graded([(name, {name: changed(name, textwrap.dedent(changes))}, words)
-                   for name, _, words, changes in entries])
+    said = graded(
+        [
+            (name, {name: changed(name, textwrap.dedent(changes))}, words)
+            for name, _, words, changes in entries
+        ]
+    )
     return [(name, what, words, texts) for (name, what, words, _), texts in zip(entries, said)]
+
 
 class Referee:
     """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, {exercise:
@@ -236,8 +300,12 @@ class Referee:
             # In the order of workbook.py, where the tests that train come last.
             tests, said = [], []
             for beginning in beginnings:
-                found = [item for item in session.items if item.path.stem == grader
-                         and item.originalname.startswith(f"test_{beginning}")]
+                found = [
+                    item
+                    for item in session.items
+                    if item.path.stem == grader
+                    and item.originalname.startswith(f"test_{beginning}")
+                ]
                 tests += found
                 if not found:
                     said.append(f"{grader}.py cannot be imported, or has no test_{beginning}…")
@@ -260,6 +328,7 @@ class Referee:
         if report.failed and grading.hint(report) not in self.said[-1]:
             self.said[-1].append(grading.hint(report))
 
+
 def graded(cases):
     """What the failing tests say, a list for each case."""
     referee, printed = Referee(cases), io.StringIO()
@@ -269,22 +338,28 @@ def graded(cases):
     assert code in (0, 1) and len(referee.said) == len(cases), printed.getvalue()[-2000:]
     return referee.said
 
+
 def empty(names):
     """{exercise: text of its functions in an empty sheet}."""
     return {name: sheet.emptied(solution(name), BOOK[name]) for name in names}
 
+
 @pytest.mark.parametrize("file", ["wrong.txt", "right.txt"])
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(file, trains):
-    problems = [f"{name}: “{what}” must get “{words or 'no complaint'}”, but gets {said}"
-                for name, what, words, said in results_of(file, trains)
-                if not (any(words in text for text in said) if words else not said)]
+    problems = [
+        f"{name}: “{what}” must get “{words or 'no complaint'}”, but gets {said}"
+        for name, what, words, said in results_of(file, trains)
+        if not (any(words in text for text in said) if words else not said)
+    ]
     assert not problems, "\n".join(problems)
+
 
 def test_every_emptied_function_is_rejected():
     results = graded([(name, empty([name]), "not written yet") for name in BOOK])
     for name, said in zip(BOOK, results):
         assert said == [f"{name} is not written yet"], name
+
 
 def needs(name, known=frozenset()):
     """The exercise, all that it needs by README.md, and all that those need."""
@@ -296,9 +371,13 @@ def needs(name, known=frozenset()):
                 known = needs(word, known)
     return known
 
+
 @pytest.mark.slow
 def test_an_exercise_passes_and_needs_no_more_than_readme_says():
     results = graded([(name, empty(BOOK.keys() - needs(name)), "") for name in BOOK])
-    problems = [f"{name}: README.md says it needs {sorted(needs(name) - {name})}, but {said}"
-                for name, said in zip(BOOK, results) if said]
+    problems = [
+        f"{name}: README.md says it needs {sorted(needs(name) - {name})}, but {said}"
+        for name, said in zip(BOOK, results)
+        if said
+    ]
     assert not problems, "\n".join(problems)

@@ -25,6 +25,7 @@ GAIN = 0.9277  # share of the way that is left, near the goal
 FACING = (None, (0.3, 0.0), (0.6, 0.0), (0.3, np.pi), (0.6, np.pi))  # until [m], turned by [rad]
 HORIZON = 25  # double steps that are rolled out
 
+
 def law(rest, last, facing, limits):
     """The next command [n, 3] for goals seen from where the robot comes to rest [n, 3]."""
     low, high = np.array(limits.low), np.array(limits.high)
@@ -45,6 +46,7 @@ def law(rest, last, facing, limits):
     share = np.abs(wanted) / np.where(wanted > 0, largest, -smallest)
     return wanted * np.minimum(1, TOGETHER / np.maximum(share.sum(1), 1e-9))[:, None]
 
+
 def footsteps(command, limits):
     """The two footsteps [n, 2, 3] that move the robot by this command [n, 3] in a double step."""
     low, high = np.array(limits.low)[1:], np.array(limits.high)[1:]
@@ -55,8 +57,10 @@ def footsteps(command, limits):
     x = command[:, :1] / 2
     return np.stack([np.hstack([x, left]), np.hstack([x, right])], 1)
 
+
 class Planner:
     """See above; it remembers its last command."""
+
     def reset(self, num_robots):
         self.last = np.zeros((num_robots, 3))
 

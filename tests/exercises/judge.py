@@ -28,12 +28,15 @@ STAYS = 0.7  # least share of the successes that is still there
 PUSH = 0.4  # [m/s]
 PATIENCE = 1800  # [s] for each file
 
+
 def points(rows):
     """The fewest win: seconds, falls and time-outs of the rows with noise; None: disqualified."""
     if any(row["time_mean"] is None or row["still_there"] < STAYS for row in rows):
         return None
-    return sum(row["time_mean"] + PER_FALL * row["fall"] + PER_TIMEOUT * row["timeout"]
-               for row in rows) / len(rows)
+    return sum(
+        row["time_mean"] + PER_FALL * row["fall"] + PER_TIMEOUT * row["timeout"] for row in rows
+    ) / len(rows)
+
 
 def interval(rows):
     """The 95 % interval of the points: draw as many walks again, with replacement, 2,000 times."""
@@ -43,16 +46,22 @@ def interval(rows):
         pick = rng.integers(len(ended), size=(2000, len(ended)))  # [2000, walks]
         reached, time = ended[pick] == "success", time.astype(float)[pick]
         seconds = (time * reached).sum(1) / np.maximum(reached.sum(1), 1)
-        drawn += (seconds + PER_FALL * (ended[pick] == "fall").mean(1)
-                  + PER_TIMEOUT * (ended[pick] == "timeout").mean(1)) / len(rows)
+        drawn += (
+            seconds
+            + PER_FALL * (ended[pick] == "fall").mean(1)
+            + PER_TIMEOUT * (ended[pick] == "timeout").mean(1)
+        ) / len(rows)
     return np.percentile(drawn, [2.5, 97.5])
+
 
 def ranking(found):
     """Lines of Markdown for rows {planner: near, far, and perhaps far with pushes}, best first."""
     scores = {name: points(rows[:2]) for name, rows in found.items()}
-    lines = ["| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
-             "| falls when pushed | points [95 % interval] |",
-             "| --- | --- | --- | --- | --- | --- |"]
+    lines = [
+        "| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
+        "| falls when pushed | points [95 % interval] |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
     for name in sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)):
         calm, pushed = found[name][:2], found[name][2:]
         cells = [f"`{name}`"]
@@ -69,6 +78,7 @@ def ranking(found):
         lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines) + "\n"
 
+
 def noisy(folder):
     """Rows with noise by planner, of an evaluation.json; each with its walks: outcome, seconds."""
     found, walks = {}, {}
@@ -81,6 +91,7 @@ def noisy(folder):
             row["walks"] = walks[row["planner"], True, row["goal_std_m"]]
             found.setdefault(row["planner"], []).append(row)
     return found
+
 
 def walk(name, seed, episodes):
     """In a process of its own: the rows of a planner, as `noisy` has them; name: a file, or one of
@@ -105,6 +116,7 @@ def walk(name, seed, episodes):
     world.close()
     return rows
 
+
 def plot(found, path):
     """Points as bars, with their intervals; the best on top."""
     sys.path.append(str(ROOT))
@@ -120,9 +132,13 @@ def plot(found, path):
         low, high = interval(found[name][:2])
         axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
         axis.plot([low, high], [place, place], "k", lw=2)
-    axis.set(yticks=range(len(names)), yticklabels=names,
-             xlabel="points [s], the fewest win; line: 95 % interval")
+    axis.set(
+        yticks=range(len(names)),
+        yticklabels=names,
+        xlabel="points [s], the fewest win; line: 95 % interval",
+    )
     robot_model.save_figure(figure, path)
+
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may not know σ
@@ -153,12 +169,22 @@ def main():
     for planner in (*FIELD, *files):
         name = Path(planner).stem
         planner = planner if planner in FIELD else Path(planner).resolve()
-        command = [sys.executable, __file__, out / f"{name}.json", "--walk", planner,
-                   "--seed", str(args.seed), "--episodes", str(args.episodes)]
+        command = [
+            sys.executable,
+            __file__,
+            out / f"{name}.json",
+            "--walk",
+            planner,
+            "--seed",
+            str(args.seed),
+            "--episodes",
+            str(args.episodes),
+        ]
         print(f"{name} walks", flush=True)
         try:
-            subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=PATIENCE,
-                           check=True)
+            subprocess.run(
+                command, cwd=ROOT, stdout=subprocess.DEVNULL, timeout=PATIENCE, check=True
+            )
             found[name] = json.loads((out / f"{name}.json").read_text(encoding="utf-8"))
         except subprocess.TimeoutExpired:
             print(f"{name} is left out: longer than {PATIENCE / 60:.0f} minutes", file=sys.stderr)
@@ -168,6 +194,7 @@ def main():
     (out / "leaderboard.md").write_text(text, encoding="utf-8")
     plot(found, out / "leaderboard.png")
     print(f"{text}\nwritten: leaderboard.md and .png in {out}")
+
 
 if __name__ == "__main__":
     main()

@@ -1,10 +1,10 @@
 """The small experiments of predict.md; each prints a few numbers. Write down your guess first.
 
-    python tests/exercises/predict.py circle               the return of walking in a circle
-    python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
-    python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
-    python tests/exercises/predict.py joints --mujoco      joints without friction
-    python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
+python tests/exercises/predict.py circle               the return of walking in a circle
+python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
+python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
+python tests/exercises/predict.py joints --mujoco      joints without friction
+python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
 import sys
@@ -28,8 +28,11 @@ def circle(sim):
     for gamma in (1.0, 0.98, 0.9):
         factors = gamma ** np.arange(40)
         sums = {name: (factors * terms[name]).sum() for name in ("r_d", "r_a", "r_o")}
-        print(f"γ = {gamma:4.2f}: " + ", ".join(f"{k} {v + 0:6.3f}" for k, v in sums.items()),
-              f"  the seven terms {(factors * sum(terms.values())).sum():6.3f}")
+        print(
+            f"γ = {gamma:4.2f}: " + ", ".join(f"{k} {v + 0:6.3f}" for k, v in sums.items()),
+            f"  the seven terms {(factors * sum(terms.values())).sum():6.3f}",
+        )
+
 
 def sharpness(sim):
     """Mode, mean, spread and entropy of Beta(1 + 8·m, 1 + 8·(1 − m)) to the power of k."""
@@ -37,8 +40,11 @@ def sharpness(sim):
         for k in (1.0, 2.0, 6.0):
             raw = torch.tensor([mode, 1 - mode]) * (10.0 - 2.0)
             beta = torch.distributions.Beta(*(1 + k * raw))
-            print(f"mode {mode}: k = {k:.0f}  mean {beta.mean:.3f}, standard deviation "
-                  f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats")
+            print(
+                f"mode {mode}: k = {k:.0f}  mean {beta.mean:.3f}, standard deviation "
+                f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats"
+            )
+
 
 def reflex(sim):
     """Share of 96 drawn robots that stay up for eight double steps, by the gain of the reflex."""
@@ -66,23 +72,32 @@ def reflex(sim):
         return np.mean(fall == 8)
 
     for gain in (0.0, 0.05, 0.1, 0.2):
-        print(f"gain {gain:.2f} s: {standing(gain, plans, 0):.2f} of the random plans stood, "
-              f"{standing(gain, forward, force):.2f} of the pushed walks")
+        print(
+            f"gain {gain:.2f} s: {standing(gain, plans, 0):.2f} of the random plans stood, "
+            f"{standing(gain, forward, force):.2f} of the pushed walks"
+        )
+
 
 def joints(sim):
     """Falls and times in 500 far walks with noise, if less is drawn than in the training."""
     trials, nothing = evaluate.draw_trials(0, 500, far=True), env.Spread(0, 0, 0, 0, 0, 0)
     policy, _ = evaluate.load_policy(evaluate.find(sim), sim)
     planners = {"policy": policy, "tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim])}
-    for title, spread in {"as trained": env.Spread(), "no friction": env.Spread(stiction=0.0),
-                          "nothing drawn": nothing}.items():
+    for title, spread in {
+        "as trained": env.Spread(),
+        "no friction": env.Spread(stiction=0.0),
+        "nothing drawn": nothing,
+    }.items():
         world = env.FootstepWorld(500, sim, spread=spread)
         for name, planner in planners.items():
             ended = evaluate.evaluate(planner, world, trials, noise=True)
             reached = ended["outcome"] == "success"
-            print(f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
-                  f"{ended['time'][reached].mean():.2f} s")
+            print(
+                f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
+                f"{ended['time'][reached].mean():.2f} s"
+            )
         world.close()
+
 
 def filter_(sim):
     """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
@@ -92,19 +107,29 @@ def filter_(sim):
             settings = evaluate.BaselineSettings(time_constant=tau)
             ended = evaluate.evaluate(evaluate.BaselinePlanner(settings), world, trials, noise)
             reached = ended["outcome"] == "success"
-            print(f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
-                  f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still there "
-                  f"{ended['still_there'][reached].mean():.2f}")
+            print(
+                f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
+                f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still there "
+                f"{ended['still_there'][reached].mean():.2f}"
+            )
     world.close()
 
-EXPERIMENTS = {"circle": circle, "sharpness": sharpness, "reflex": reflex, "joints": joints,
-               "filter": filter_}
+
+EXPERIMENTS = {
+    "circle": circle,
+    "sharpness": sharpness,
+    "reflex": reflex,
+    "joints": joints,
+    "filter": filter_,
+}
+
 
 def main():
     parser = robot_model.StageParser(__doc__)
     parser.add_argument("name", choices=EXPERIMENTS)
     args = parser.parse()
     EXPERIMENTS[args.name](args.sim)
+
 
 if __name__ == "__main__":  # the simulator's worker processes import this file again
     main()

@@ -16,16 +16,19 @@ from workbook import BOOK, command
 
 ROOT = Path(__file__).resolve().parents[2]
 
+
 def find(file):
     """The path of a module that has exercises: a stage, one beside this script, or a study."""
     places = ROOT, ROOT / "tests" / "exercises", ROOT / "tests" / "studies"
     return next(path for path in (place / f"{file}.py" for place in places) if path.is_file())
+
 
 def function_in(tree, name):
     """The node of a function, or of a method with its class: "WalkEngine._swing"."""
     for part in name.split("."):
         tree = next(node for node in tree.body if getattr(node, "name", None) == part)
     return tree
+
 
 def body_of(source, name, since=""):
     """(first, end, indent): lines[first:end] are to be written, all behind the docstring."""
@@ -37,21 +40,26 @@ def body_of(source, name, since=""):
         after = statements.pop(0).end_lineno
     return after, node.end_lineno, " " * node.body[0].col_offset
 
+
 def replaced(source, name, lines, since=""):
     """The source with other lines (not indented) as that body."""
     first, end, indent = body_of(source, name, since)
     old = source.splitlines()
     return "\n".join(old[:first] + [(indent + line).rstrip() for line in lines] + old[end:]) + "\n"
 
+
 def emptied(source, exercise):
     """The source without the exercise's solution; comments with a line of their own stay."""
     for name in exercise.functions:
         first, end, _ = body_of(source, name, exercise.since)
         lines = [line.strip() for line in source.splitlines()[first:end]]
-        stub = [*(line for line in lines if line.startswith("#")),
-                f'raise NotImplementedError("exercise: {exercise.name}")']
+        stub = [
+            *(line for line in lines if line.startswith("#")),
+            f'raise NotImplementedError("exercise: {exercise.name}")',
+        ]
         source = replaced(source, name, stub, exercise.since)
     return source
+
 
 def sheets(names):
     """The text of every file of a clean sheet, by its name; these exercises are empty."""
@@ -62,6 +70,7 @@ def sheets(names):
         if exercise.name in names:
             texts[path.name] = emptied(text, exercise)
     return texts
+
 
 def main():
     sys.stdout.reconfigure(errors="replace")  # a Windows console may have no ★
@@ -90,12 +99,15 @@ def main():
         refuse(f"cannot write to {out}: {error.strerror}")
     for name in names:
         row = BOOK[name]
-        print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {row.file}.py  "
-              f"{', '.join(row.functions)}")
+        print(
+            f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {row.file}.py  "
+            f"{', '.join(row.functions)}"
+        )
     folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
     folder = f'"{folder}"' if " " in folder else folder
     chosen = f'"{" or ".join(names)}"' if args.only and len(names) > 1 else names[0]
     print(f"To be written in {out}. Graded, from {ROOT}, by\n    {command(chosen, folder)}")
+
 
 if __name__ == "__main__":
     main()

@@ -4,62 +4,150 @@
 
 from collections import namedtuple
 
-Exercise = namedtuple("Exercise", (
-    "name",  # what `--only` and `-k` call it
-    "file",  # its module: a stage, or one in this folder or in ../studies
-    "functions",  # what is to be written; a method with its class
-    "stars",  # 1: follow the formula … 4: an algorithm
-    "minutes",
-    "tests",  # the module that grades it, and how the names of the tests begin
-    "since",  # "": all of the body; else from the statement on that begins like this
-), defaults=("",))
+Exercise = namedtuple(
+    "Exercise",
+    (
+        "name",  # what `--only` and `-k` call it
+        "file",  # its module: a stage, or one in this folder or in ../studies
+        "functions",  # what is to be written; a method with its class
+        "stars",  # 1: follow the formula … 4: an algorithm
+        "minutes",
+        "tests",  # the module that grades it, and how the names of the tests begin
+        "since",  # "": all of the body; else from the statement on that begins like this
+    ),
+    defaults=("",),
+)
 
 ROBOT, ENGINE, ENV = "01_robot_model", "02_walk_engine", "03_env"
 PPO, EVALUATE = "04_ppo", "05_evaluate"
 
-BOOK = {row[0]: Exercise(*row) for row in (
-    ("wrap", ROBOT, ("wrap",), 1, 10, ("test_robot", "wrap_")),
-    ("compose", ROBOT, ("compose", "relative"), 1, 20, ("test_robot", "compose_")),
-    ("fallen", ROBOT, ("fallen",), 1, 15, ("test_robot", "fall_means")),
-    ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_robot", "forward_kinematics")),
-    ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_robot", "leg_inverse", "inverse_")),
-    ("reflex", ROBOT, ("reflex",), 2, 40, ("test_robot", "reflex_")),
-    ("quintic", ENGINE, ("quintic",), 2, 30, ("test_walk", "quintic_", "rest_to_rest")),
-    ("swing", ENGINE, ("WalkEngine._swing",), 3, 60,
-     ("test_walk", "swing_", "all_zero", "plans_of_many")),
-    ("knot", ENGINE, ("WalkEngine._knot",), 3, 60, ("test_walk", "trunk_passes", "plans_of_many")),
-    ("encode_goal", ENV, ("encode_goal",), 1, 20, ("test_env", "goal_is_encoded", "many_goals")),
-    ("actions", ENV, ("to_footsteps", "to_action"), 2, 30, ("test_env", "actions_and_footsteps")),
-    ("reward_terms", ENV, ("potentials", "reward_terms"), 2, 45,
-     ("test_env", "reward_formulas", "going_in_circles", "discounted_progress")),
-    ("estimate", ENV, ("predict", "correct"), 2, 45, ("test_env", "estimate_")),
-    ("clipped_objective", PPO, ("clipped_objective",), 1, 15, ("test_ppo", "clipped_objective")),
-    ("first_bias", PPO, ("ActorCritic.__init__",), 2, 30, ("test_ppo", "first_policy_is"),
-     "mode ="),
-    ("gae", PPO, ("gae",), 2, 45, ("test_ppo", "gae_")),
-    ("improve", PPO, ("improve",), 4, 240,
-     ("test_ppo", "numbers_to_watch", "gradients_are", "advantages_are", "the_old_policy",
-      "the_critic_s_weight", "action_", "constant_reward")),
-    ("low_pass", EVALUATE, ("low_pass",), 1, 15, ("test_evaluate", "the_filter")),
-    ("wilson", EVALUATE, ("wilson",), 1, 20, ("test_evaluate", "wilson_")),
-    ("velocity_command", EVALUATE, ("velocity_command",), 2, 45,
-     ("test_evaluate", "speed_", "far_away")),
-    ("velocity_to_footsteps", EVALUATE, ("velocity_to_footsteps",), 2, 30,
-     ("test_evaluate", "velocities_become", "planned_footsteps", "a_shared_way")),
-    ("time_ratio", EVALUATE, ("time_ratio",), 2, 45, ("test_evaluate", "time_ratio")),
-    ("highest_speed", "walk", ("highest_speed",), 2, 30, ("test_studies", "highest_speed")),
-    ("look_up", "search", ("look_up",), 2, 45, ("test_studies", "look_up")),
-    ("steps_to_go", "search", ("steps_to_go",), 4, 180, ("test_studies", "steps_to_go")),
-    ("beta_log_prob", "beta", ("log_beta_function", "beta_log_prob"), 1, 20,
-     ("test_exercises", "beta_density", "beta_log_prob")),
-    ("beta_mode", "beta", ("beta_mode",), 1, 15, ("test_exercises", "beta_mode")),
-    ("beta_entropy", "beta", ("beta_entropy",), 2, 30, ("test_exercises", "beta_entropy")),
-)}
+BOOK = {
+    row[0]: Exercise(*row)
+    for row in (
+        ("wrap", ROBOT, ("wrap",), 1, 10, ("test_robot", "wrap_")),
+        ("compose", ROBOT, ("compose", "relative"), 1, 20, ("test_robot", "compose_")),
+        ("fallen", ROBOT, ("fallen",), 1, 15, ("test_robot", "fall_means")),
+        ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_robot", "forward_kinematics")),
+        ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_robot", "leg_inverse", "inverse_")),
+        ("reflex", ROBOT, ("reflex",), 2, 40, ("test_robot", "reflex_")),
+        ("quintic", ENGINE, ("quintic",), 2, 30, ("test_walk", "quintic_", "rest_to_rest")),
+        (
+            "swing",
+            ENGINE,
+            ("WalkEngine._swing",),
+            3,
+            60,
+            ("test_walk", "swing_", "all_zero", "plans_of_many"),
+        ),
+        (
+            "knot",
+            ENGINE,
+            ("WalkEngine._knot",),
+            3,
+            60,
+            ("test_walk", "trunk_passes", "plans_of_many"),
+        ),
+        (
+            "encode_goal",
+            ENV,
+            ("encode_goal",),
+            1,
+            20,
+            ("test_env", "goal_is_encoded", "many_goals"),
+        ),
+        (
+            "actions",
+            ENV,
+            ("to_footsteps", "to_action"),
+            2,
+            30,
+            ("test_env", "actions_and_footsteps"),
+        ),
+        (
+            "reward_terms",
+            ENV,
+            ("potentials", "reward_terms"),
+            2,
+            45,
+            ("test_env", "reward_formulas", "going_in_circles", "discounted_progress"),
+        ),
+        ("estimate", ENV, ("predict", "correct"), 2, 45, ("test_env", "estimate_")),
+        (
+            "clipped_objective",
+            PPO,
+            ("clipped_objective",),
+            1,
+            15,
+            ("test_ppo", "clipped_objective"),
+        ),
+        (
+            "first_bias",
+            PPO,
+            ("ActorCritic.__init__",),
+            2,
+            30,
+            ("test_ppo", "first_policy_is"),
+            "mode =",
+        ),
+        ("gae", PPO, ("gae",), 2, 45, ("test_ppo", "gae_")),
+        (
+            "improve",
+            PPO,
+            ("improve",),
+            4,
+            240,
+            (
+                "test_ppo",
+                "numbers_to_watch",
+                "gradients_are",
+                "advantages_are",
+                "the_old_policy",
+                "the_critic_s_weight",
+                "action_",
+                "constant_reward",
+            ),
+        ),
+        ("low_pass", EVALUATE, ("low_pass",), 1, 15, ("test_evaluate", "the_filter")),
+        ("wilson", EVALUATE, ("wilson",), 1, 20, ("test_evaluate", "wilson_")),
+        (
+            "velocity_command",
+            EVALUATE,
+            ("velocity_command",),
+            2,
+            45,
+            ("test_evaluate", "speed_", "far_away"),
+        ),
+        (
+            "velocity_to_footsteps",
+            EVALUATE,
+            ("velocity_to_footsteps",),
+            2,
+            30,
+            ("test_evaluate", "velocities_become", "planned_footsteps", "a_shared_way"),
+        ),
+        ("time_ratio", EVALUATE, ("time_ratio",), 2, 45, ("test_evaluate", "time_ratio")),
+        ("highest_speed", "walk", ("highest_speed",), 2, 30, ("test_studies", "highest_speed")),
+        ("look_up", "search", ("look_up",), 2, 45, ("test_studies", "look_up")),
+        ("steps_to_go", "search", ("steps_to_go",), 4, 180, ("test_studies", "steps_to_go")),
+        (
+            "beta_log_prob",
+            "beta",
+            ("log_beta_function", "beta_log_prob"),
+            1,
+            20,
+            ("test_exercises", "beta_density", "beta_log_prob"),
+        ),
+        ("beta_mode", "beta", ("beta_mode",), 1, 15, ("test_exercises", "beta_mode")),
+        ("beta_entropy", "beta", ("beta_entropy",), 2, 30, ("test_exercises", "beta_entropy")),
+    )
+}
+
 
 def graded_by(exercise, module, test):
     """Does this test (names without .py and parameters) grade the exercise?"""
     grader, *beginnings = exercise.tests
     return module == grader and test.removeprefix("test_").startswith(tuple(beginnings))
+
 
 def command(name, folder="exercises"):
     """How it is graded, from the root of the repository."""

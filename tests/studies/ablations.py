@@ -22,8 +22,10 @@ torch = ppo.torch
 DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40, choices 110"
 STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
 
+
 class GaussianActor(ppo.ActorCritic):
     """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
+
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
@@ -45,22 +47,28 @@ class GaussianActor(ppo.ActorCritic):
     def decide(self, obs):
         return np.clip(super().decide(obs), 0, 1)  # its mode and its mean are the same
 
+
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"model": GaussianActor},
     "no sharpening": {"config": {"sharpest": 1.0}},
     "with IMU": {"imu": True},
     "without the reflex": {"reflex": False},
-    **{f"without r_{k}": {"task": {f"s_{k}": 0.0}}
-       for k in ("d", "a", "o", "c", "fall", "goal", "time")},
+    **{
+        f"without r_{k}": {"task": {f"s_{k}": 0.0}}
+        for k in ("d", "a", "o", "c", "fall", "goal", "time")
+    },
 }
+
 
 class ModePlanner(evaluate.PolicyPlanner):
     """Decides by the mode of the distribution; the sharpness k does not change it."""
+
     def act(self, view, robots, measured):
         seen = torch.as_tensor(view.observation[:, : self.columns])
         with torch.no_grad():
             return self.model.policy(seen).mode.numpy()
+
 
 CHOICES = {  # name: what differs from the shipped trainings, and the training seeds
     "reference": {"seeds": FEW},
@@ -69,14 +77,18 @@ CHOICES = {  # name: what differs from the shipped trainings, and the training s
     "rollouts of 32, s_c 0.2": {"seeds": (0,), "config": {"rollout": 32}, "task": {"s_c": 0.2}},
 }
 
+
 def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
     with closing(env.FootstepWorld(GOALS // 2, sim, cores=1)) as world:
         if not reflex:
             common.set_reflex(world, 0.0)
-        parts = [common.walks(planner, world, True, far, sets=1, per_set=GOALS // 2)
-                 for far in (False, True)]
+        parts = [
+            common.walks(planner, world, True, far, sets=1, per_set=GOALS // 2)
+            for far in (False, True)
+        ]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
+
 
 def learn(sim, name, seed, steps, folder, cores=None):
     """Train this variant; returns its planner."""
@@ -86,21 +98,25 @@ def learn(sim, name, seed, steps, folder, cores=None):
 
     def make_envs(num_envs):
         envs = env.FootstepVectorEnv(
-            num_envs, sim, True, imu, staggered=True, task=task, cores=cores)
+            num_envs, sim, True, imu, staggered=True, task=task, cores=cores
+        )
         if "reflex" in variant:
             common.set_reflex(envs.world, 0.0)
         return envs
 
     config = ppo.PPOConfig(**variant.get("config", {}))
-    model, _ = ppo.train(config, make_envs, folder, steps, seed,
-                         make_model=variant.get("model", ppo.ActorCritic))
+    model, _ = ppo.train(
+        config, make_envs, folder, steps, seed, make_model=variant.get("model", ppo.ActorCritic)
+    )
     return evaluate.PolicyPlanner(model, imu)
+
 
 def ablate(sim, name, seed):
     """The row of one short training on one core."""
     folder = common.work(sim, "ablations", f"{name}_{seed}")
     planner = learn(sim, name, seed, STEPS, folder, cores=1)
     return {"variant": name, "seed": seed, **judged(planner, sim, "reflex" not in VARIANTS[name])}
+
 
 def study_ablations(args):
     """As many trainings at a time as there are cores."""
@@ -109,6 +125,7 @@ def study_ablations(args):
     with ProcessPoolExecutor(robot_model.CORES, context) as pool:
         rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
+
 
 def long_row(sim, name, seed, far, push, **which):
     """The row of a training as long as the shipped ones, made if it is not there; which: walks."""
@@ -127,8 +144,14 @@ def long_row(sim, name, seed, far, push, **which):
             common.set_reflex(world, 0.0)
         ended = common.walks(planner, world, True, far, **which)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-    return {"variant": name, "push": push, "seed": seed, "critic": round(critic, 3),
-            **common.row_of(ended, "policy", True, far)}
+    return {
+        "variant": name,
+        "push": push,
+        "seed": seed,
+        "critic": round(critic, 3),
+        **common.row_of(ended, "policy", True, far),
+    }
+
 
 def study_long(args):
     """Two long trainings and the shipped one, with the seed of that one."""
@@ -137,21 +160,29 @@ def study_long(args):
     rows = [long_row(args.sim, name, seed, far, push, sets=2) for name, far, push in jobs]
     return {"steps": ppo.STEPS, "goals": 2 * common.PER_SET, "rows": rows}
 
+
 def study_choices(args):
     """Each choice, pushed on the way to far goals, too."""
-    rows = [long_row(args.sim, name, seed, far, push, sets=3, first=50, purpose="tuning")
-            for name, choice in CHOICES.items() for seed in choice["seeds"]
-            for far, push in ((False, 0.0), (True, 0.0), (True, 0.4))]
+    rows = [
+        long_row(args.sim, name, seed, far, push, sets=3, first=50, purpose="tuning")
+        for name, choice in CHOICES.items()
+        for seed in choice["seeds"]
+        for far, push in ((False, 0.0), (True, 0.0), (True, 0.4))
+    ]
     return {"steps": ppo.STEPS, "goals": 3 * common.PER_SET, "rows": rows}
 
+
 PARTS = {"ablations": study_ablations, "long": study_long, "choices": study_choices}
+
 
 def table(found, sim):
     """Every training by every variant or rule."""
     columns = {"seed": 0, "success": 4, "fall": 4, "timeout": 4, "still_there": 3, "time_mean": 2}
     long = {"variant": 0, "goal_std_m": 1, "push": 1} | columns | {"critic": 2}
-    return common.sections(found, {
-        "ablations": {"variant": 0} | columns, "long": long, "choices": long})
+    return common.sections(
+        found, {"ablations": {"variant": 0} | columns, "long": long, "choices": long}
+    )
+
 
 def plot(found, sim):
     """A bar (mean) for every variant, a dot for every training."""
@@ -165,6 +196,7 @@ def plot(found, sim):
         axis.set(xlabel=common.HEADS[key], yticks=range(len(VARIANTS)), yticklabels=VARIANTS)
     figure.suptitle(f"{STEPS:,} double steps of training ({sim})")
     return figure
+
 
 if __name__ == "__main__":
     common.run("ablations")

@@ -31,9 +31,11 @@ CARROT = [entry.name for entry in fields(Settings) if entry.name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
 START = (0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25)  # of the carrot, from first trials in 3-D
 
+
 def carrot_of(values):
     """The paper's controller with these settings, in the order of CARROT."""
     return evaluate.BaselinePlanner(Settings(*values, share=True))
+
 
 def expert_of(values):
     """The expert with these constants, in the order of EXPERT; there is one at a time."""
@@ -41,10 +43,16 @@ def expert_of(values):
     expert.TOGETHER, expert.GAIN = values[6:]
     return expert.Planner()
 
+
 def both(world, planner, first, sets, per_set=None):
     """Near and far walks of the tuning together, with noise."""
-    return common.together([common.walks(planner, world, True, far, sets, first, per_set,
-                                         purpose="tuning") for far in (False, True)])
+    return common.together(
+        [
+            common.walks(planner, world, True, far, sets, first, per_set, purpose="tuning")
+            for far in (False, True)
+        ]
+    )
+
 
 def facts(ended):
     """What counts of some walks, plain numbers."""
@@ -56,9 +64,11 @@ def facts(ended):
     shares = {name: float(np.mean(ended["outcome"] == name)) for name in evaluate.OUTCOMES}
     return shares | {"time": mean("time"), "still_there": mean("still_there")}
 
+
 def final(world, planner):
     """The facts of a planner on 2,000 noisy trials."""
     return facts(both(world, planner, 101, SETS))
+
 
 def cost(row, paper):
     """What the search makes small [s]: time, falls, and staying less often than the paper's."""
@@ -67,8 +77,10 @@ def cost(row, paper):
     leaves = max(0.0, paper["still_there"] - row["still_there"])
     return row["time"] + PRICE * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
 
+
 def optimise(world, planner_of, start, paper):
     """All candidates as (settings, facts, cost), and the settings where it ends."""
+
     def plain(x):
         return [round(float(value), 4) for value in np.exp(x)]
 
@@ -90,10 +102,14 @@ def optimise(world, planner_of, start, paper):
         print(f"{iteration}: mean {costs[0]:.2f} s, best {min(costs):.2f} s", flush=True)
     return tried, plain(mean)
 
+
 def choose(rows, paper):
     """The best of these facts, and by which rule; paper: facts of the paper's baseline."""
-    safe = [row for row in sorted(rows, key=lambda row: row["time"] or np.inf)
-            if row["fall"] <= MAX_FALLS]
+    safe = [
+        row
+        for row in sorted(rows, key=lambda row: row["time"] or np.inf)
+        if row["fall"] <= MAX_FALLS
+    ]
     stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"] - LESS]
     if stay:
         return stay[0], "the fastest of the safe ones that stay"
@@ -101,18 +117,26 @@ def choose(rows, paper):
         return safe[0], "none is safe and stays: the fastest that is safe"
     return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
+
 def searched(world, planner_of, names, start, now, paper):
     """The whole search; `start`, and the settings that are in use now: values by `names`."""
     tried, end = optimise(world, planner_of, start, paper)
     tried.sort(key=lambda row: row[2])
     best_of_all = [values for values, *_ in tried[: FINALISTS - 2]]
-    rows = [{"settings": dict(zip(names, values)), **final(world, planner_of(values))}
-            for values in tqdm([end, now, *best_of_all], unit=" finalists")]
+    rows = [
+        {"settings": dict(zip(names, values)), **final(world, planner_of(values))}
+        for values in tqdm([end, now, *best_of_all], unit=" finalists")
+    ]
     best, rule = choose(rows, paper)
     print("chosen:", best["settings"])
-    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "paper": paper,
-            "finalists": [row | {"chosen": row is best} for row in rows],
-            "tried": [{"settings": values, **row} for values, row, _ in tried]}
+    return {
+        "trials": 2 * SETS * common.PER_SET,
+        "rule": rule,
+        "paper": paper,
+        "finalists": [row | {"chosen": row is best} for row in rows],
+        "tried": [{"settings": values, **row} for values, row, _ in tried],
+    }
+
 
 def study_carrot(args):
     """The settings TUNED of stage 05."""
@@ -121,6 +145,7 @@ def study_carrot(args):
         paper = final(world, evaluate.BaselinePlanner(Settings()))
         return searched(world, carrot_of, CARROT, START, now, paper)
 
+
 def study_expert(args):
     """The constants of the expert; they are those of 3-D."""
     now = [*expert.TOP.tolist(), *expert.CHANGE.tolist(), expert.TOGETHER, expert.GAIN]
@@ -128,7 +153,9 @@ def study_expert(args):
     with common.world(args.sim) as world:
         return searched(world, expert_of, EXPERT, now, now, paper)
 
+
 PARTS = {"carrot": study_carrot, "expert": study_expert}
+
 
 def table(found, sim):
     """The finalists; of the carrot also the paper's settings."""
@@ -138,11 +165,18 @@ def table(found, sim):
             paper = {"settings": asdict(Settings()), "chosen": "paper", **found[part]["paper"]}
             first = [paper] * (part == "carrot")
             columns = dict.fromkeys(names, 2) | {
-                "fall": 4, "timeout": 4, "time": 2, "still_there": 3, "chosen": 0}
+                "fall": 4,
+                "timeout": 4,
+                "time": 2,
+                "still_there": 3,
+                "chosen": 0,
+            }
             rows = [row | row["settings"] for row in [*first, *found[part]["finalists"]]]
-            text += (f"### {part}\n\n{common.table(rows, columns)}\n"
-                     f"Chosen: {found[part]['rule']}.\n\n")
+            text += (
+                f"### {part}\n\n{common.table(rows, columns)}\nChosen: {found[part]['rule']}.\n\n"
+            )
     return text
+
 
 if __name__ == "__main__":
     common.run("baseline")

@@ -24,6 +24,7 @@ COUNTS = (1, 4, 16, 64, 256)  # robots
 STEPS = 1024  # double steps in each measurement
 PHYSICS = {"pymunk": (pymunk.Space, "step"), "mujoco": (mujoco.rollout.Rollout, "rollout")}
 
+
 def measure(sim, count, gain=None):
     """A row: speed of the environment, of bare physics, and their ratio; gain: of the reflex."""
     owner, name = PHYSICS[sim]
@@ -48,8 +49,13 @@ def measure(sim, count, gain=None):
                 envs.step(action)
             seconds = perf_counter() - begin
     physics = sum(spent)
-    return {"robots": count, "one_core": count * rounds / seconds,
-            "bare": count * rounds / physics, "ratio": physics / seconds}
+    return {
+        "robots": count,
+        "one_core": count * rounds / seconds,
+        "bare": count * rounds / physics,
+        "ratio": physics / seconds,
+    }
+
 
 def study(args):
     """Every number of robots, and 64 of them without the reflex."""
@@ -57,13 +63,18 @@ def study(args):
     through, stops = (measure(args.sim, 64, gain)["one_core"] for gain in (0.0, 1e-9))
     return {"rows": rows, "without_reflex": through, "stops_ratio": stops / through}
 
+
 PARTS = {"": study}
+
 
 def table(found, sim):
     """Double steps per second."""
     rows = common.table(found["rows"], {"robots": 0, "one_core": 0, "bare": 0, "ratio": 2})
-    return (f"{rows}\n64 robots without the reflex: {found['without_reflex']:.0f}. With stops for "
-            f"the gyro: {found['stops_ratio']:.2f} of that.\n")
+    return (
+        f"{rows}\n64 robots without the reflex: {found['without_reflex']:.0f}. With stops for "
+        f"the gyro: {found['stops_ratio']:.2f} of that.\n"
+    )
+
 
 if __name__ == "__main__":
     common.run("benchmark")

@@ -33,14 +33,23 @@ COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:
 PER_SET = 500  # goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
+
 class StudyParser(robot_model.StageParser):
     """The flags of every study; errors are one line with exit code 2, as in the stages."""
+
     def __init__(self, study):
         self.study = study
-        ArgumentParser.__init__(self, description=study.__doc__,
-                                formatter_class=RawDescriptionHelpFormatter)
-        self.add_argument("--mujoco", dest="sim", action="store_const", const="mujoco",
-                          default="pymunk", help="3-D instead of the sagittal plane")
+        ArgumentParser.__init__(
+            self, description=study.__doc__, formatter_class=RawDescriptionHelpFormatter
+        )
+        self.add_argument(
+            "--mujoco",
+            dest="sim",
+            action="store_const",
+            const="mujoco",
+            default="pymunk",
+            help="3-D instead of the sagittal plane",
+        )
         self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/studies/")
 
     def start(self, argv=None):
@@ -49,6 +58,7 @@ class StudyParser(robot_model.StageParser):
         args.out = self.folder(args, Path("runs", args.sim, "studies"))
         print(f"{self.study.__name__}, {args.sim}: {self.study.DURATION}", flush=True)
         return args
+
 
 def main(name, argv=None):
     """The command line of a study; it is imported by its name, as its own processes do."""
@@ -62,9 +72,11 @@ def main(name, argv=None):
     except ppo.PolicyError as error:
         parser.error(str(error))
 
+
 def run(name):
     """What a study does as a script."""
     robot_model.run(lambda: main(name))
+
 
 def publish(study, part, args):
     """Measure a part of a study, "" if it is the only one, then write all that is known."""
@@ -81,9 +93,11 @@ def publish(study, part, args):
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
 
+
 def read_json(path):
     """The content of a file that a study, or stage 5, has written."""
     return json.loads(path.read_text(encoding="utf-8"))
+
 
 def work(sim, study, training):
     """The folder of a study's training; a finished one stays until you delete it."""
@@ -91,23 +105,44 @@ def work(sim, study, training):
     folder.mkdir(parents=True, exist_ok=True)
     return folder
 
-HEADS = {"goal_std_m": "goals σ [m]", "success": "arrived and stayed", "fall": "share of falls",
-         "timeout": "share of time-outs", "time": "time [s]", "time_mean": "time [s]",
-         "over_baseline_tuned": "time ÷ baseline_tuned", "over_expert": "time ÷ expert",
-         "seed": "training seed", "friction": "μ",
-         "factor": "size of steps", "change": "largest change", "bare": "bare physics",
-         "speed": "Δv [m/s]", "distance": "distance [m]", "least": "least possible [s]",
-         "push": "push [m/s]", "critic": "explained variance", "seconds": "training [s]"}
+
+HEADS = {
+    "goal_std_m": "goals σ [m]",
+    "success": "arrived and stayed",
+    "fall": "share of falls",
+    "timeout": "share of time-outs",
+    "time": "time [s]",
+    "time_mean": "time [s]",
+    "over_baseline_tuned": "time ÷ baseline_tuned",
+    "over_expert": "time ÷ expert",
+    "seed": "training seed",
+    "friction": "μ",
+    "factor": "size of steps",
+    "change": "largest change",
+    "bare": "bare physics",
+    "speed": "Δv [m/s]",
+    "distance": "distance [m]",
+    "least": "least possible [s]",
+    "push": "push [m/s]",
+    "critic": "explained variance",
+    "seconds": "training [s]",
+}
+
 
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
     head = [HEADS.get(key, key.replace("_", " ")) for key in columns]
     return markdown(head, [[cell(row, *column) for column in columns.items()] for row in rows])
 
+
 def sections(found, columns):
     """A heading and a table of its rows for every part that is there; columns by part."""
-    return "\n".join(f"### {part}\n\n{table(found[part]['rows'], columns[part])}"
-                     for part in columns if part in found)
+    return "\n".join(
+        f"### {part}\n\n{table(found[part]['rows'], columns[part])}"
+        for part in columns
+        if part in found
+    )
+
 
 def markdown(head, rows):
     """A table in Markdown, columns aligned."""
@@ -115,6 +150,7 @@ def markdown(head, rows):
     widths = [max(map(len, column)) for column in zip(*cells)]
     lines = [" | ".join(map(str.ljust, line, widths)) for line in cells]
     return "".join(f"| {line} |\n" for line in lines)
+
 
 def cell(row, key, digits):
     """A value of a row as text, with its 95 % interval if the row has one."""
@@ -131,30 +167,47 @@ def cell(row, key, digits):
         text += f" [{low:.{digits}f}, {high:.{digits}f}]"
     return text
 
+
 def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
 
+
 def opponents(sim):
     """The planners of README's table that do not learn, by name."""
-    return {"baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
-            "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim]),
-            "search": evaluate.load_planner(ROOT / "tests" / "studies" / "search.py")}
+    return {
+        "baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
+        "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim]),
+        "search": evaluate.load_planner(ROOT / "tests" / "studies" / "search.py"),
+    }
+
 
 def policy(path, sim):
     """The planner of a policy file."""
     return evaluate.load_policy(path, sim)[0]
 
+
 def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, **settings):
     """`with` it: a FootstepWorld for `walks`."""
     return contextlib.closing(kind(num_robots, sim, **settings))
+
 
 def set_reflex(world, gain):
     """From now on the ankles answer the gyro with this gain [s]; 0: not at all."""
     world.engine.parameters = replace(world.engine.parameters, reflex=gain)
 
-def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, friction=np.nan,
-          purpose="evaluation"):
+
+def walks(
+    planner,
+    world,
+    noise=True,
+    far=False,
+    sets=4,
+    first=1,
+    per_set=None,
+    friction=np.nan,
+    purpose="evaluation",
+):
     """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
     Seeds from 120 on judge what the studies have chosen, see `seeds.py`.
     """
@@ -164,38 +217,63 @@ def walks(planner, world, noise=True, far=False, sets=4, first=1, per_set=None, 
         parts.append(evaluate.evaluate(planner, world, trials, noise))
     return together(parts)
 
+
 def together(parts):
     """The walks of all parts as one."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
 
 def row_of(ended, name, noise=True, far=False):
     """A row of stage 5's table, and the number of falls."""
     row = evaluate.summary(name, noise, STD[far], ended, env.Task())
     return row | {"falls": int((ended["outcome"] == "fall").sum())}
 
+
 def time_ratio(ended, reference, name):
     """More of a row: time relative to another planner's, nothing without a common success."""
     ratio = evaluate.time_ratio(ended, reference)
-    return {key.replace("time_ratio", name): np.round(ratio[key], 4).tolist()
-            for key in ("time_ratio", "time_ratio_ci95") if ratio}
+    return {
+        key.replace("time_ratio", name): np.round(ratio[key], 4).tolist()
+        for key in ("time_ratio", "time_ratio_ci95")
+        if ratio
+    }
+
 
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
     order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []
     for far, std in STD.items():
         for name in order[:3] if far else order:
-            row, = pick(rows, noise=True, goal_std_m=std, planner=name)
-            lines.append([f"{'far' if far else 'near'}, σ {std} m", f"`{name}`",
-                          cell(row, "success", 3), str(round(row["fall"] * row["episodes"])),
-                          cell(row, "time_mean", 1), cell(row, "still_there", 2)])
-    return markdown(["goals", "planner", "arrived and stayed [95 % interval]", "falls", "time [s]",
-                     "still there"], lines)
+            (row,) = pick(rows, noise=True, goal_std_m=std, planner=name)
+            lines.append(
+                [
+                    f"{'far' if far else 'near'}, σ {std} m",
+                    f"`{name}`",
+                    cell(row, "success", 3),
+                    str(round(row["fall"] * row["episodes"])),
+                    cell(row, "time_mean", 1),
+                    cell(row, "still_there", 2),
+                ]
+            )
+    return markdown(
+        [
+            "goals",
+            "planner",
+            "arrived and stayed [95 % interval]",
+            "falls",
+            "time [s]",
+            "still there",
+        ],
+        lines,
+    )
+
 
 def pasted(page, mark, table):
     """The text of a page with this table behind its mark."""
     begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
     head, rest = page.read_text(encoding="utf-8").split(begin)
     return head + begin + table + end + rest.split(end, 1)[1]
+
 
 def pages():
     """{path: text as it should be} of the pages that show a table of results/."""
@@ -205,6 +283,7 @@ def pages():
         page, table = RESULTS / sim / "README.md", RESULTS / sim / "table.md"
         found[page] = pasted(page, "evaluation", table.read_text(encoding="utf-8"))
     return found
+
 
 if __name__ == "__main__":
     for path, text in pages().items():

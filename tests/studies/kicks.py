@@ -20,10 +20,13 @@ SETS = 2  # of 500 goals
 SPEEDS = (0.0, 0.2, 0.4, 0.6, 0.8)  # Δv [m/s]
 PUSH = 0.4  # [m/s] of the part `worlds`
 
+
 def study_pushes(args):
     """Every planner at every Δv, with the reflex and without it."""
-    planners = {"policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
-                "baseline_tuned": common.opponents(args.sim)["baseline_tuned"]}
+    planners = {
+        "policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
+        "baseline_tuned": common.opponents(args.sim)["baseline_tuned"],
+    }
     rows = []
     for reflex in (True, False):
         with common.world(args.sim) as world:
@@ -32,12 +35,15 @@ def study_pushes(args):
             for speed, name in product(SPEEDS, planners):
                 world.push = speed
                 ended = common.walks(planners[name], world, True, far=True, sets=SETS)
-                rows.append({"speed": speed, "reflex": reflex,
-                             **common.row_of(ended, name, True, far=True)})
+                rows.append(
+                    {"speed": speed, "reflex": reflex, **common.row_of(ended, name, True, far=True)}
+                )
     return {"goals": SETS * common.PER_SET, "rows": rows}
+
 
 class SlowNoise(env.FootstepWorld):
     """The noise of the goal is as large, but changes slowly: 0.9 of it stay for the next time."""
+
     STAYS = 0.9
 
     def __init__(self, num_robots, *args, **settings):
@@ -54,6 +60,7 @@ class SlowNoise(env.FootstepWorld):
         self.last[robots] = np.where(self.steps[robots, None] == 0, new, slow)
         return exact + self.last[robots]
 
+
 WORLDS = {  # settings of the world, and the friction if it is not drawn
     "as trained": ({}, np.nan),
     "μ = 0.4": ({}, 0.4),
@@ -64,9 +71,12 @@ WORLDS = {  # settings of the world, and the friction if it is not drawn
     "pushed by 0.4 m/s every 3 s": ({}, np.nan),
     "masses ± 20 % (± 10 %)": ({"spread": env.Spread(mass=0.2)}, np.nan),
     "a gyro ten times worse": (
-        {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)}, np.nan),
+        {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
+        np.nan,
+    ),
     "noise of the goal lasts for seconds": ({"kind": SlowNoise}, np.nan),
 }
+
 
 def study_worlds(args):
     """Rows of the policy in every world, on evaluation seeds 120 to 123."""
@@ -80,13 +90,21 @@ def study_worlds(args):
                 rows.append({"world": title, **common.row_of(ended, "policy", True, far)})
     return {"goals": 4 * common.PER_SET, "rows": rows}
 
+
 PARTS = {"pushes": study_pushes, "worlds": study_worlds}
+
 
 def table(found, sim):
     """Markdown, all with noise."""
     columns = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
-    return common.sections(found, {"pushes": {"speed": 1, "reflex": 0} | columns,
-                                   "worlds": {"world": 0, "goal_std_m": 1, "falls": 0} | columns})
+    return common.sections(
+        found,
+        {
+            "pushes": {"speed": 1, "reflex": 0} | columns,
+            "worlds": {"world": 0, "goal_std_m": 1, "falls": 0} | columns,
+        },
+    )
+
 
 def plot(found, sim):
     """Share of falls over Δv, one colour a planner, with 95 % intervals."""
@@ -97,13 +115,24 @@ def plot(found, sim):
         own = common.pick(rows, planner=name, reflex=reflex)
         fall = np.array([row["fall"] for row in own])
         low, high = np.transpose([row["fall_ci95"] for row in own])
-        axis.errorbar([row["speed"] for row in own], fall, np.abs([fall - low, high - fall]),
-                      color=common.COLORS.get(name), linestyle="-" if reflex else "--", capsize=3,
-                      label=f"{name}, {'with' if reflex else 'without'} reflex")
-    axis.set(xlabel="push: Δv of the torso [m/s]", ylabel="share of walks with a fall [1]",
-             title=f"Pushed every 3 s on average, on the way to far goals ({sim})", ylim=(0, None))
+        axis.errorbar(
+            [row["speed"] for row in own],
+            fall,
+            np.abs([fall - low, high - fall]),
+            color=common.COLORS.get(name),
+            linestyle="-" if reflex else "--",
+            capsize=3,
+            label=f"{name}, {'with' if reflex else 'without'} reflex",
+        )
+    axis.set(
+        xlabel="push: Δv of the torso [m/s]",
+        ylabel="share of walks with a fall [1]",
+        title=f"Pushed every 3 s on average, on the way to far goals ({sim})",
+        ylim=(0, None),
+    )
     axis.legend()
     return figure
+
 
 if __name__ == "__main__":
     common.run("kicks")

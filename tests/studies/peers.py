@@ -30,14 +30,17 @@ CFG = replace(ppo.PPOConfig(), sharpest=1.0)
 UPDATE = CFG.num_envs * CFG.rollout  # double steps
 LOG_STD = float(-0.5 * np.log(4 * (CFG.first_concentration + 1)))  # as in `GaussianActor`
 
+
 def row_of(kind, seed, begin, decide, sim):
     """The row of a training; decide: observations [n, 20] -> actions [n, 6]."""
     seconds = round(perf_counter() - begin, 1)
     planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide))
     return {"kind": kind, "seed": seed, "seconds": seconds, **ablations.judged(planner, sim)}
 
+
 class SameRobots(VecEnv):
     """Our vector environment as theirs: a list of infos, the last observation among them."""
+
     def __init__(self, envs):
         self.envs = envs
         super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
@@ -52,8 +55,10 @@ class SameRobots(VecEnv):
         obs, reward, terminated, truncated, info = self.envs.step(self.actions)
         infos = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(terminated | truncated):
-            infos[i] = {"terminal_observation": info["final_obs"][i],
-                        "TimeLimit.truncated": bool(truncated[i])}
+            infos[i] = {
+                "terminal_observation": info["final_obs"][i],
+                "TimeLimit.truncated": bool(truncated[i]),
+            }
         return obs, reward.astype(np.float32), terminated | truncated, infos
 
     def close(self):
@@ -67,6 +72,7 @@ class SameRobots(VecEnv):
 
     set_attr = env_method = None  # are not called
 
+
 def ours(sim, seed):
     """One training of stage 04: its row."""
     begin, folder = perf_counter(), common.work(sim, "peers", str(seed))
@@ -74,25 +80,44 @@ def ours(sim, seed):
     model, _ = ppo.train(CFG, make_envs, folder, STEPS, seed, make_model=ablations.GaussianActor)
     return row_of("ours, Gaussian", seed, begin, model.decide, sim)
 
+
 def theirs(sim, seed):
     """The same by Stable-Baselines3."""
     torch.set_num_threads(1)  # as in stage 04
     begin, updates, hidden = perf_counter(), -(-STEPS // UPDATE), list(CFG.hidden)
     envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, True, staggered=True))
     model = stable_baselines3.PPO(
-        "MlpPolicy", envs, n_steps=CFG.rollout, batch_size=CFG.minibatch, n_epochs=CFG.epochs,
+        "MlpPolicy",
+        envs,
+        n_steps=CFG.rollout,
+        batch_size=CFG.minibatch,
+        n_epochs=CFG.epochs,
         learning_rate=lambda left: CFG.learning_rate * (left + 1 / updates),  # left: after it
-        gamma=CFG.gamma, gae_lambda=CFG.lam, clip_range=CFG.clip, vf_coef=CFG.value_coef,
-        max_grad_norm=CFG.max_grad_norm, device="cpu",
+        gamma=CFG.gamma,
+        gae_lambda=CFG.lam,
+        clip_range=CFG.clip,
+        vf_coef=CFG.value_coef,
+        max_grad_norm=CFG.max_grad_norm,
+        device="cpu",
         seed=ppo.random_seed(seed) % 2**31,  # near seeds would share most of their robots' worlds
-        policy_kwargs={"net_arch": {"pi": hidden, "vf": hidden},
-                       "activation_fn": torch.nn.Tanh, "log_std_init": LOG_STD})
+        policy_kwargs={
+            "net_arch": {"pi": hidden, "vf": hidden},
+            "activation_fn": torch.nn.Tanh,
+            "log_std_init": LOG_STD,
+        },
+    )
     model.policy.action_net.bias.data.copy_(torch.as_tensor(envs.envs.neutral_action))
     model.learn(updates * UPDATE)
     envs.close()
     # Its prediction is the mean of the normal distribution, clipped.
-    return row_of("SB3, the same robots", seed, begin,
-                  lambda obs: model.predict(obs, deterministic=True)[0], sim)
+    return row_of(
+        "SB3, the same robots",
+        seed,
+        begin,
+        lambda obs: model.predict(obs, deterministic=True)[0],
+        sim,
+    )
+
 
 def study_sb3(args):
     """Seed by seed, so that a machine that slows down slows both."""
@@ -100,12 +125,15 @@ def study_sb3(args):
         raise ppo.PolicyError("first: python -m pip install stable-baselines3==2.9.2")
     return {"rows": [learn(args.sim, seed) for seed in FEW for learn in (ours, theirs)]}
 
+
 PARTS = {"sb3": study_sb3}
+
 
 def table(found, sim):
     """All trainings."""
     columns = {"kind": 0, "seed": 0, "success": 3, "fall": 3, "time_mean": 2, "seconds": 0}
     return common.sections(found, {"sb3": columns})
+
 
 if __name__ == "__main__":
     common.run("peers")

@@ -23,6 +23,7 @@ CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of p
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
 FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
+
 def double_steps(limits, factor=1.0):
     """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
     low, high = factor * np.array(limits.low), factor * np.array(limits.high)
@@ -38,6 +39,7 @@ def double_steps(limits, factor=1.0):
             steps[1:, foot, axis] = outward * largest
     return steps
 
+
 def displacements(sim, steps):
     """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3]; and
     which of them stood. Measured at the middle of the spread: the third to sixth of six in a row.
@@ -49,11 +51,13 @@ def displacements(sim, steps):
         mass=np.ones((n, 9)),
         stiffness=np.ones((n, 12)),
         stiction=np.full((n, 12), spread.stiction / 2),
-        delay=np.repeat([0, spread.delay], len(steps)))
+        delay=np.repeat([0, spread.delay], len(steps)),
+    )
     poses, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body)
     moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [2·A, 4, 3]
     mean = moved.reshape(2, len(steps), 4, 3).mean((0, 2))
     return mean, (fall == 6).reshape(2, len(steps)).all(0)
+
 
 def steps_to_go(moves, task):
     """How many double steps it takes to the goal, from every pose around it: dynamic programming.
@@ -95,6 +99,7 @@ def steps_to_go(moves, task):
             return better
         value = better
 
+
 def look_up(value, poses):
     """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells.
 
@@ -115,8 +120,10 @@ def look_up(value, poses):
         total = total + share_x * share_y * share_yaw * corner
     return total
 
+
 class Planner:
     """Takes the double step after which the fewest are left."""
+
     def __init__(self, known=None):
         self.known = known  # as of `read_map`; None: the shipped one
 
@@ -140,6 +147,7 @@ class Planner:
         left = left + 100 * np.maximum(0, change - largest_change)
         return actions[left.argmin(1)]
 
+
 def read_map(limits):
     """The shipped map of the simulator with these limits: steps [A, 2, 3] that stood, moves [A, 3],
     V, and how far an action may be from the last one; else a PolicyError of one line.
@@ -157,18 +165,25 @@ def read_map(limits):
         raise ppo.PolicyError(f"{path}: made for another walk, so run search.py: {mismatch}")
     return steps, moves, value, about["change"]
 
+
 def write_map(path, sim, factor, known):
     """The file for `read_map`."""
     steps, moves, value, change = known
     about = {"fits": env.fingerprint(sim), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
-    robot_model.atomic_write(path, lambda file: np.savez_compressed(
-        file, about=json.dumps(about), steps=steps, moves=moves, parts=parts))
+    robot_model.atomic_write(
+        path,
+        lambda file: np.savez_compressed(
+            file, about=json.dumps(about), steps=steps, moves=moves, parts=parts
+        ),
+    )
+
 
 DURATION = "10 minutes on two cores; 3-D: 20 minutes"
 FACTORS = (0.3, 0.45, 0.6, 0.8, 1.0)  # [-] on the limits of a step
 CHANGES = (0.2, 0.35, 1.0)
 WALKS, FINALISTS = 100, 3  # near walks and as many far ones; combinations that are walked again
+
 
 def make_map(sim, factor):
     """steps, moves, V of double steps up to that share of the limits, as exact as in the file."""
@@ -176,6 +191,7 @@ def make_map(sim, factor):
     moves, stood = displacements(sim, steps)
     value = np.round(20 * steps_to_go(moves[stood], env.Task())) / 20
     return steps[stood], moves[stood], value
+
 
 def study(args):
     """The grid, then the finalists."""
@@ -190,23 +206,32 @@ def study(args):
         file = common.RESULTS / args.sim / "studies" / "baseline.json"
         paper = common.read_json(file)["carrot"]["paper"]
         tried.sort(key=lambda row: baseline.cost(row | {"still_there": 1.0}, paper))
-        rows = [row | baseline.final(world, planners[row["factor"], row["change"]])
-                for row in tried[:FINALISTS]]
+        rows = [
+            row | baseline.final(world, planners[row["factor"], row["change"]])
+            for row in tried[:FINALISTS]
+        ]
         best, rule = baseline.choose(rows, paper)
     path = args.out.parent / "search.npz"
     known = planners[best["factor"], best["change"]].known
     write_map(path, args.sim, best["factor"], known)
     print("written:", path)
-    return {"trials": 2 * baseline.SETS * common.PER_SET, "rule": rule, "tried": tried,
-            "finalists": [row | {"chosen": row is best} for row in rows]}
+    return {
+        "trials": 2 * baseline.SETS * common.PER_SET,
+        "rule": rule,
+        "tried": tried,
+        "finalists": [row | {"chosen": row is best} for row in rows],
+    }
+
 
 PARTS = {"": study}
+
 
 def table(found, sim):
     """The finalists, then all that were tried."""
     columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
     finalists = common.table(found["finalists"], columns | {"chosen": 0})
     return f"{finalists}\nChosen: {found['rule']}.\n\n{common.table(found['tried'], columns)}"
+
 
 if __name__ == "__main__":
     common.run("search")

@@ -18,10 +18,12 @@ SETS, POOLED_SETS = 4, 10  # of 500 goals
 POOLED_FIRST = 120  # evaluation seed
 DISTANCES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # [m]
 
+
 def opponents(sim):
     """The best two planners that do not learn, by name."""
     expert = evaluate.load_planner(common.ROOT / "tests" / "exercises" / "expert.py")
     return {"baseline_tuned": common.opponents(sim)["baseline_tuned"], "expert": expert}
+
 
 def walked(sim, policies, sets, references=None):
     """Rows of these policies, by training seed, for near and far goals with noise; their times also
@@ -30,10 +32,14 @@ def walked(sim, policies, sets, references=None):
     rows, references = [], references or {}
     with common.world(sim) as world:
         for far in (False, True):
-            theirs = {name: common.walks(planner, world, True, far, sets, POOLED_FIRST)
-                      for name, planner in references.items()}
-            rows += [{"seed": None, **common.row_of(ended, name, True, far)}
-                     for name, ended in theirs.items()]
+            theirs = {
+                name: common.walks(planner, world, True, far, sets, POOLED_FIRST)
+                for name, planner in references.items()
+            }
+            rows += [
+                {"seed": None, **common.row_of(ended, name, True, far)}
+                for name, ended in theirs.items()
+            ]
             for seed, planner in policies.items():
                 ended = common.walks(planner, world, True, far, sets, POOLED_FIRST)
                 row = {"seed": seed, **common.row_of(ended, "policy", True, far)}
@@ -42,14 +48,18 @@ def walked(sim, policies, sets, references=None):
                 rows.append(row)
     return {"goals": sets * common.PER_SET, "rows": rows}
 
+
 def median_seed(rows):
     """The training seed in the middle: by mean success of its rows, then by time. Not the best."""
+
     def rank(seed):
         own = pick(rows, seed=seed)
         times = [np.inf if row["time_mean"] is None else row["time_mean"] for row in own]
         return np.mean([row["success"] for row in own]), -np.mean(times)
+
     seeds = sorted({row["seed"] for row in rows}, key=rank)
     return seeds[len(seeds) // 2]
+
 
 def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
@@ -66,38 +76,66 @@ def study_distances(args, count=200):
             for distance in DISTANCES:
                 own = {key: value[far == distance] for key, value in ended.items()}
                 reached = own["outcome"] == "success"
-                rows.append({"planner": name, "distance": distance,
-                             "success": float(reached.mean()),
-                             "fall": float((own["outcome"] == "fall").mean()),
-                             "time_mean": float(own["time"][reached].mean()),
-                             "least": float(own["least"][reached].mean())})
+                rows.append(
+                    {
+                        "planner": name,
+                        "distance": distance,
+                        "success": float(reached.mean()),
+                        "fall": float((own["outcome"] == "fall").mean()),
+                        "time_mean": float(own["time"][reached].mean()),
+                        "least": float(own["least"][reached].mean()),
+                    }
+                )
     return {"goals": count, "rows": rows}
+
 
 def study_all(args):
     """Every training and its opponents."""
     folder = RESULTS / args.sim / "seeds"
-    policies = {seed: common.policy(folder / str(seed) / "policy.pt", args.sim)
-                for seed in SEEDS[args.sim]}
+    policies = {
+        seed: common.policy(folder / str(seed) / "policy.pt", args.sim) for seed in SEEDS[args.sim]
+    }
     found = walked(args.sim, policies, SETS, opponents(args.sim))
     return {"median_seed": median_seed(pick(found["rows"], planner="policy")), **found}
+
 
 def study_pooled(args):
     """The shipped policy in many walks."""
     shipped = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
     return {"first_seed": POOLED_FIRST, **walked(args.sim, {None: shipped}, POOLED_SETS)}
 
+
 PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_all}
+
 
 def table(found, sim):
     """Markdown; square brackets: 95 % intervals over goals."""
     start = {"goal_std_m": 1, "planner": 0}
-    end = {"falls": 0, "success": 4, "timeout": 4, "time_mean": 2, "still_there": 3,
-           "over_baseline_tuned": 3, "over_expert": 3}
-    return common.sections(found, {
-        "distances": {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2,
-                      "least": 2},
-        "seeds": start | {"seed": 0} | end,
-        "pooled": start | end})
+    end = {
+        "falls": 0,
+        "success": 4,
+        "timeout": 4,
+        "time_mean": 2,
+        "still_there": 3,
+        "over_baseline_tuned": 3,
+        "over_expert": 3,
+    }
+    return common.sections(
+        found,
+        {
+            "distances": {
+                "planner": 0,
+                "distance": 2,
+                "success": 3,
+                "fall": 3,
+                "time_mean": 2,
+                "least": 2,
+            },
+            "seeds": start | {"seed": 0} | end,
+            "pooled": start | end,
+        },
+    )
+
 
 def plot(found, sim):
     """Time over the distance of the goal."""
@@ -105,14 +143,28 @@ def plot(found, sim):
     figure, axis = plt.subplots(figsize=(8, 4))
     for name, style in (("policy", "o-"), ("expert", "s--"), ("baseline_tuned", "^:")):
         own = pick(rows, planner=name)
-        axis.plot(DISTANCES, [row["time_mean"] for row in own], style, color=common.COLORS[name],
-                  label=name)
-    axis.plot(DISTANCES, [row["least"] for row in own], color="0.5",
-              label="least time that the step limits allow")
-    axis.set(xlabel="distance of the goal [m]", ylabel="mean time of the successes [s]",
-             title=f"Time over distance, any direction and yaw, with noise ({sim})", ylim=(0, None))
+        axis.plot(
+            DISTANCES,
+            [row["time_mean"] for row in own],
+            style,
+            color=common.COLORS[name],
+            label=name,
+        )
+    axis.plot(
+        DISTANCES,
+        [row["least"] for row in own],
+        color="0.5",
+        label="least time that the step limits allow",
+    )
+    axis.set(
+        xlabel="distance of the goal [m]",
+        ylabel="mean time of the successes [s]",
+        title=f"Time over distance, any direction and yaw, with noise ({sim})",
+        ylim=(0, None),
+    )
     axis.legend()
     return figure
+
 
 if __name__ == "__main__":
     common.run("seeds")

@@ -30,11 +30,13 @@ PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
 FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
 PLANS = 96  # random ones
 
+
 def speed_plans():
     """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
     go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
     shares = (np.arange(LEVELS) + 1) / LEVELS
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
+
 
 def gyro_errors(rng, count):
     """`disturb` of `walk`, as in stage 3: each gyro's constant error, and noise at every tick."""
@@ -47,6 +49,7 @@ def gyro_errors(rng, count):
         trajectory.gyro[:] = (constant + env.Task().imu_rad_s * noise)[robots]
 
     return disturb
+
 
 def highest_speed(poses, fall, period):
     """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
@@ -67,16 +70,20 @@ def highest_speed(poses, fall, period):
         speeds[direction] = float(np.max(moved * unbroken) / (sum(PATTERN) * period))
     return speeds
 
+
 def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
     points, turn = robot_model.body_points(robot, torso, joints)
     ankle = points[..., 2, :]
     z = turn[..., 2, :]  # [..., 2, 3] by how much a point rises per metre along the foot's x, y, z
     middle = np.array([1, -1]) * robot.foot_outward  # of the left and of the right sole
-    heights = [x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
-               for x in (-robot.foot_back, robot.foot_front)
-               for y in (-robot.foot_width / 2, robot.foot_width / 2)]
+    heights = [
+        x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
+        for x in (-robot.foot_back, robot.foot_front)
+        for y in (-robot.foot_width / 2, robot.foot_width / 2)
+    ]
     return ankle, ankle[..., 2] + np.min(heights, 0)
+
 
 def clearance_and_slip(engine, motion):
     """Of the n robots that stood through a double step, both feet in turn, [2·n] each [m].
@@ -103,6 +110,7 @@ def clearance_and_slip(engine, motion):
         slip.append(np.hypot(way[:, 0], way[:, 1]))
     return np.concatenate(clearance), np.concatenate(slip)
 
+
 def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
 
@@ -118,8 +126,13 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
     poses, wanted, fall = walk_engine.walk(
-        sim, parameters, plans, body, gyro_errors(rng, len(plans)),
-        watch=lambda engine, motion: feet.append(clearance_and_slip(engine, motion)))
+        sim,
+        parameters,
+        plans,
+        body,
+        gyro_errors(rng, len(plans)),
+        watch=lambda engine, motion: feet.append(clearance_and_slip(engine, motion)),
+    )
     clearance, slip = map(np.concatenate, zip(*feet))
     period, speeds, tracking = walk_engine.WalkEngine(1, parameters).period, [], []
     for first in np.arange(len(frictions)) * len(straight):
@@ -127,14 +140,22 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
         speeds.append(highest_speed(poses[rows], fall[rows], period))
         ratio = poses[rows, -1] / np.where(wanted[rows, -1] == 0, np.nan, wanted[rows, -1])
         gentle = np.array([LEVELS // 4, LEVELS // 2]) - 1  # levels
-        tracking.append({name: float(ratio[i * LEVELS + gentle, axis].mean())
-                         for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items())})
+        tracking.append(
+            {
+                name: float(ratio[i * LEVELS + gentle, axis].mean())
+                for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items())
+            }
+        )
     random_falls = fall[-count:]
-    return {"speeds": speeds, "tracking": tracking,
-            "stood": float(np.mean(random_falls == len(PATTERN))),
-            "steps": float(np.mean(random_falls) / len(PATTERN)),
-            "clearance": np.percentile(clearance, [50, 5]).tolist(),
-            "slip": float(np.median(slip))}
+    return {
+        "speeds": speeds,
+        "tracking": tracking,
+        "stood": float(np.mean(random_falls == len(PATTERN))),
+        "steps": float(np.mean(random_falls) / len(PATTERN)),
+        "clearance": np.percentile(clearance, [50, 5]).tolist(),
+        "slip": float(np.median(slip)),
+    }
+
 
 def average(parts):
     """The mean of several `measure`s, number by number."""
@@ -144,22 +165,35 @@ def average(parts):
         return [average(row) for row in zip(*parts)]
     return float(np.mean(parts))
 
+
 def in_words(measured):
     """The worst and the typical of `measure` in a line."""
     worst = (f"{k} {min(at[k] for at in measured['speeds']):.2f}" for k in DIRECTIONS)
     ratios = [ratio for at in measured["tracking"] for ratio in at.values()]
     clear = " / ".join(f"{1000 * value:.1f}" for value in measured["clearance"])
-    return (f"{', '.join(worst)} (worst μ)  |  walked ÷ commanded {min(ratios):.2f} to "
-            f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
-            f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm")
+    return (
+        f"{', '.join(worst)} (worst μ)  |  walked ÷ commanded {min(ratios):.2f} to "
+        f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
+        f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm"
+    )
+
 
 SEARCH = {  # tuned parameters and their ranges: from those of [5] of stage 02
-    "half_ticks": (25, 40), "double_support": (0.0, 0.4), "foot_distance": (0.15, 0.22),
-    "foot_rise": (0.02, 0.10), "trunk_height": (0.36, 0.42), "trunk_phase": (-0.45, 0.45),
-    "trunk_pitch": (-0.1, 0.3), "trunk_swing": (0.0, 0.8), "trunk_x_offset": (-0.03, 0.03),
-    "pitch_per_step": (-1.0, 1.0), "pitch_per_turn": (-0.5, 0.5), "trunk_roll": (-0.02, 0.12),
+    "half_ticks": (25, 40),
+    "double_support": (0.0, 0.4),
+    "foot_distance": (0.15, 0.22),
+    "foot_rise": (0.02, 0.10),
+    "trunk_height": (0.36, 0.42),
+    "trunk_phase": (-0.45, 0.45),
+    "trunk_pitch": (-0.1, 0.3),
+    "trunk_swing": (0.0, 0.8),
+    "trunk_x_offset": (-0.03, 0.03),
+    "pitch_per_step": (-1.0, 1.0),
+    "pitch_per_turn": (-0.5, 0.5),
+    "trunk_roll": (-0.02, 0.12),
 }
 PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
+
 
 def score(sim, measured):
     """What tuning maximises; see `measure`.
@@ -174,10 +208,12 @@ def score(sim, measured):
     feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
     return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
+
 def changed(start, names, x):
     """The WalkParameters `start` with these values [len(names)]."""
     found = dict(zip(names, x.round(4).tolist()))
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
+
 
 def tune(sim, seed, iterations=10, population=28, elite=7):
     """Cross-entropy method, from TUNED on: draw candidates, keep the best quarter, draw nearer to
@@ -200,9 +236,13 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
         # Seven samples are noisy: a part of the old distribution stays.
         mean = 0.3 * mean + 0.7 * drawn[best].mean(0)
         spread = 0.5 * spread + 0.5 * drawn[best].std(0)
-        print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
-              f"{in_words(seen[0])}\n{tried[0]}", flush=True)
+        print(
+            f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores[best[0]]:.3f}  |  "
+            f"{in_words(seen[0])}\n{tried[0]}",
+            flush=True,
+        )
     return changed(start, names, mean)
+
 
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
 RANDOM = 1000  # plans within the limits
@@ -211,16 +251,20 @@ MAPS = {  # title: label of the second axis, its values, first and then from (x,
     "forward and turning": (
         "yaw of both feet [rad]",
         np.linspace(-0.7, 0.7, CELLS),
-        lambda x, yaw: [[[x, 0, yaw], [x, 0, -yaw]]] * 2),
+        lambda x, yaw: [[[x, 0, yaw], [x, 0, -yaw]]] * 2,
+    ),
     "forward and sideways": (
         "left foot outward [m]",
         np.linspace(0, 0.21, CELLS),
-        lambda x, y: [[[x, y, 0], [x, 0, 0]]] * 2),
+        lambda x, y: [[[x, y, 0], [x, 0, 0]]] * 2,
+    ),
     "change of step length": (
         "x of the steps before [m]",
         X,
-        lambda x, last: [[[last, 0, 0]] * 2, [[x, 0, 0]] * 2]),
+        lambda x, last: [[[last, 0, 0]] * 2, [[x, 0, 0]] * 2],
+    ),
 }
+
 
 def fall_map(sim, first, then):
     """Share of falls [R] of drawn robots, plans [R, 2, 3]: three double steps `first`, then five
@@ -234,15 +278,18 @@ def fall_map(sim, first, then):
     _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body, gyros)
     return (fall < plans.shape[1]).reshape(-1, REPEATS).mean(1)
 
+
 def cells(title, xs, others):
     """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
     steps = MAPS[title][2]
     return np.array([[steps(x, other) for x in xs] for other in others], float)
 
+
 def allowed(steps, limits):
     """Which double steps [..., 2, 2, 3] of a map an action can reach, all four footsteps."""
     low, high = np.array(limits.low) - 1e-9, np.array(limits.high) + 1e-9
     return ((steps >= low) & (steps <= high)).all((-3, -2, -1))
+
 
 def study_limits(args):
     """The three maps, the random plans, the feet."""
@@ -255,14 +302,17 @@ def study_limits(args):
         found[title] = {
             "fall_inside": round(falls[inside].mean(), 4),
             "fall_anywhere": round(falls.mean(), 4),
-            "falls": falls.tolist()}
+            "falls": falls.tolist(),
+        }
     measured = measure(args.sim, walk_engine.TUNED[args.sim], frictions=(), count=RANDOM)
     found["stood"] = measured["stood"]
     found["clearance"] = np.round(measured["clearance"], 5).tolist()
     found["slip"] = round(measured["slip"], 5)
     return found
 
+
 PARTS = {"limits": study_limits}
+
 
 def table(found, sim):
     """What --limits has found."""
@@ -270,9 +320,12 @@ def table(found, sim):
     rows = [{"map": title, **found[title]} for title in MAPS]
     falls = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
     clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
-    return (f"{falls}\nOf {RANDOM} random plans within the limits {100 * found['stood']:.1f} % "
-            f"stand. Their feet: clearance {clearance:.1f} mm (median) and {lowest:.1f} mm (5 %), "
-            f"slip of the support foot {slip:.1f} mm.\n")
+    return (
+        f"{falls}\nOf {RANDOM} random plans within the limits {100 * found['stood']:.1f} % "
+        f"stand. Their feet: clearance {clearance:.1f} mm (median) and {lowest:.1f} mm (5 %), "
+        f"slip of the support foot {slip:.1f} mm.\n"
+    )
+
 
 def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
@@ -290,6 +343,7 @@ def plot(found, sim):
     figure.suptitle(f"Which steps make the robot fall ({sim}); light blue: limits of an action")
     return figure
 
+
 def main(argv=None):
     study = import_module("walk")
     parser = common.StudyParser(study)
@@ -302,12 +356,17 @@ def main(argv=None):
     elif args.limits:
         common.publish(study, "limits", args)
     else:
-        measured = average([measure(args.sim, walk_engine.TUNED[args.sim], seed)
-                            for seed in 1000 + 3 * args.seed + np.arange(3)])
+        measured = average(
+            [
+                measure(args.sim, walk_engine.TUNED[args.sim], seed)
+                for seed in 1000 + 3 * args.seed + np.arange(3)
+            ]
+        )
         for mu, speeds, ratios in zip(FRICTION, measured["speeds"], measured["tracking"]):
             fastest = [f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds]
             print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)", ", ".join(fastest))
         print(in_words(measured))
+
 
 if __name__ == "__main__":
     robot_model.run(main)
