@@ -6,11 +6,17 @@ of sections and references are the paper's. `tests/exercises/ledger.md` lists wh
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
-64 robots stand for a second. Then each one leans forward slowly, to an angle of its own (`--seed`).
-The robot that fell at the smallest lean is drawn in `runs/<sim>/01_robot.png`. This takes 2
-seconds. Predict that lean: by how much must the ankles turn until the centre of mass is above the
-toes? In `stance` it is 0.011 m ahead of the ankle axes and 0.318 m above them; the rest is in
-`RobotModel`. In 3-D 64 standing robots are then pushed to the side, which the plane cannot show.
+201 robots stand for a second. Then each one leans forward slowly, to an angle of its own. The robot
+that fell at the smallest lean is drawn in `runs/<sim>/01_robot.png`. This takes 4 seconds; nothing
+is drawn at random, so `--seed` changes nothing here. Predict that lean, to three digits: the feet
+(1.19 kg, centre of mass 0.006 m ahead of the ankle axes) stand still, and all the rest (4.93 kg,
+0.0127 m ahead of these axes and 0.3993 m above them) turns about the ankles. At which angle is the
+centre of mass of the whole robot above the toes? The plane should agree with your pencil. In 3-D
+a servo is a spring, see `stiffness`: by how much does it give way, and does that help or hurt?
+
+How to read this file: first the settings, the kinematics and `fallen`, then `main`. Of the two
+simulators MujocoSim is the shorter one; PymunkSim is the one that runs without a flag. Skip the
+drawing, and all that stands behind "several processes": no later stage asks for it.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -43,11 +49,8 @@ Frames: x forward, y left, z up. Angles are in radians, positive by the right-ha
 along the axis); a positive pitch turns z towards x, so the torso leans forward. All twelve joints:
 left leg, then right leg, each in the order of the table. The sagittal plane is the plane of x and
 z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its simulated pose. The
-support foot stands while the swing foot moves; the sole is the rectangle under a foot. The gyro is
-the sensor of the torso's angular velocity, the reflex its way to the ankles. Armature is
-the inertia of a motor's rotor, seen through the gears. Back-EMF: a turning motor is a generator,
-too, and brakes itself; at its speed limit no torque is left. Shapes: N robots, n some of them
-(given by their indices), T control ticks.
+support foot stands while the swing foot moves; the sole is the rectangle under a foot. Shapes: N
+robots, n some of them (given by their indices), T control ticks.
 
 Left out: arms and head (their mass is in the torso), gear play, all sensors but the gyro. Only
 soles touch anything.
@@ -66,40 +69,61 @@ import os
 import signal
 import sys
 import tempfile
-from argparse import ArgumentParser, ArgumentTypeError, RawDescriptionHelpFormatter
+import threading
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-os.environ["MPLBACKEND"] = "Agg"  # figures are drawn into files, without a screen
 import matplotlib.pyplot as plt
 import numpy as np
 import pymunk.batch
 from matplotlib.colors import to_rgb
 
-plt.rcParams.update({"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True})
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
+plt.rcParams.update(STYLE)
 
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
-READ_EVERY = 2  # [ticks] how often the reflex reads the gyro
-REFLEX_LIMIT = 0.25  # [rad] of what it adds to a joint target; our choice
+READ_EVERY = 2  # [ticks] how often the gyro is read, see `Trajectory.feedback`; our choice
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class Checked:
+    """Settings that are finite, and 0 or more but for those that are named; else a ValueError."""
+
+    above_zero = ()
+    may_be_negative = ()
+
+    def __post_init__(self):
+        for name, value in vars(self).items():
+            if isinstance(value, Checked):
+                continue
+            numbers = np.array(value, float)
+            right = np.isfinite(numbers)
+            if name not in self.may_be_negative:
+                right &= (numbers > 0) | (numbers == 0) & (name not in self.above_zero)
+            if not right.all():
+                raise ValueError(f"{type(self).__name__}: {name} cannot be {value!r:.80}")
+
+
 @dataclass(frozen=True)
-class Link:
+class Link(Checked):
     """A rigid body. `com` is seen from the joint above (torso: its frame); y outward for a leg."""
 
     mass: float  # [kg]
     com: tuple  # [m] centre of mass (x, y, z)
     inertia: tuple  # [kg m²] about the centre of mass (x, y, z)
 
+    above_zero = ("mass", "inertia")
+    may_be_negative = ("com",)
+
 
 @dataclass(frozen=True)
-class RobotModel:
+class RobotModel(Checked):
     """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
 
     # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
@@ -120,10 +144,10 @@ class RobotModel:
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
-    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] without load
+    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] there no torque is left
     joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad]
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
-    armature: float = 0.01  # [kg m²] our choice
+    armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's own simulator: 0.5
     gravity: float = 9.81  # [m/s²]
@@ -137,6 +161,18 @@ class RobotModel:
     yaw_stiffness: float = 45.0  # [N m/rad] hip yaw motor; our choice
     yaw_damping: float = 3.0  # [N m s/rad] critical damping, 2·√(k·I) of the two values above
 
+    above_zero = (
+        "thigh_length",
+        "shin_length",
+        "speed_limit",
+        "control_dt",
+        "substeps",
+        "stiffness",
+        "planar_iterations",
+        "yaw_inertia",
+    )
+    may_be_negative = ("hip_z", "joint_min", "joint_max")
+
     @property
     def hips(self):
         """Both hips in the trunk's frame, [2, 3] [m]."""
@@ -144,13 +180,16 @@ class RobotModel:
 
     @property
     def damping(self):
-        """Back-EMF of the motors of a leg, shape [6] [N m s/rad]: torque limit / speed limit."""
+        """Back-EMF of the motors of a leg [6] [N m s/rad]: torque limit / speed limit. (A turning
+        motor is a generator, too, and brakes itself.)
+        """
         return np.divide(self.torque_limit, self.speed_limit)
 
 
 @dataclass
-class Body:
-    """How n robots differ from the model; hidden from every planner (drawn in stage 3)."""
+class Body(Checked):
+    """How n robots differ from the model; hidden from every planner. Stage 3 draws it (domain
+    randomization)."""
 
     friction: np.ndarray  # [n] μ of the ground
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
@@ -158,17 +197,26 @@ class Body:
     stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
 
+    above_zero = ("mass",)
+
 
 @dataclass
 class Trajectory:
-    """The commands for N robots in T control ticks. Sample k is the target at the end of tick k;
-    sample 0 repeats the last sample of the double step before."""
+    """The commands for N robots in T control ticks, and what pushes them meanwhile. Sample k is the
+    target at the end of tick k; sample 0 repeats the last sample of the double step before."""
 
     joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
-    support: np.ndarray  # [N, T, 2] [s] gain of the reflex: left, right ankle; 0 where it swings
-    gyro: np.ndarray  # [N, T, 2] [rad/s] error of the gyro about x and y, see `reflex`
     push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane only ahead
+
+    def feedback(self, robot, tick, end, angular_velocity):
+        """What is added to the joint targets of the ticks from `tick` to `end`, [N, ticks, 12].
+
+        angular_velocity [N, 2]: of the torso about its x and y axes at the first of these ticks
+        [rad/s], which a gyro would measure. Here nothing is added (open loop); the plans of stage 2
+        have a reflex (closed loop).
+        """
+        return np.zeros((len(angular_velocity), end - tick, 12))
 
 
 @dataclass
@@ -177,7 +225,7 @@ class Motion:
 
     torso: np.ndarray  # [N, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [N, T, 12] measured [rad]; joints that the plane lacks: as commanded
-    spin: np.ndarray  # [N, 3] angular velocity of the torso about its own axes [rad/s], at the end
+    angular_velocity: np.ndarray  # [N, 3] of the torso about its own axes [rad/s], at the very end
     fell: np.ndarray  # [N] bool: fell at any control tick
 
 
@@ -196,16 +244,16 @@ def turned(vector, yaw):
 
 def compose(base, pose):
     """The pose [..., 3] (x, y, yaw) given in the frame `base` [..., 3], seen from outside."""
-    place = base[..., :2] + turned(pose[..., :2], base[..., 2])
+    position = base[..., :2] + turned(pose[..., :2], base[..., 2])
     yaw = base[..., 2:] + pose[..., 2:]  # [..., 1]
-    return np.concatenate([place, yaw], -1)
+    return np.concatenate([position, yaw], -1)
 
 
 def relative(base, pose):
     """The pose [..., 3] seen from the frame `base` [..., 3]; inverse of `compose`."""
     away = pose - base
-    place = turned(away[..., :2], -base[..., 2])
-    return np.concatenate([place, away[..., 2:]], -1)
+    position = turned(away[..., :2], -base[..., 2])
+    return np.concatenate([position, away[..., 2:]], -1)
 
 
 # ------------------------------------------------------------------------ leg kinematics
@@ -246,7 +294,8 @@ def leg_inverse(robot, position, foot_turn):
 
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
     ankle out of reach is moved along its line to the hip, no farther than it must; at last the
-    angles are clipped to the joint limits.
+    angles are clipped to the joint limits. It is meant for feet below their hips that tilt by less
+    than half a turn: other angles may come back as other ones.
 
          o hip      Thigh, shin and the vector r from the ankle to the hip form a triangle. It lies
           \          in the plane in which the leg bends; hip pitch, knee and ankle pitch turn about
@@ -270,6 +319,8 @@ def leg_inverse(robot, position, foot_turn):
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
+    # Before the ankle rolls, r = (rx, 0, h). It turns by +roll as seen from the foot, so there it is
+    # r = (rx, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(ry, rz)
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
@@ -280,7 +331,8 @@ def leg_inverse(robot, position, foot_turn):
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
-    #     | −cos roll·sin s       sin roll       cos roll·cos s |  (@ would round otherwise)
+    #     | −cos roll·sin s       sin roll       cos roll·cos s |
+    # (einsum, because @ may round otherwise for another number of robots.)
     zero = np.zeros_like(ankle_roll)
     M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
@@ -305,8 +357,9 @@ def body_inverse(robot, trunk, feet, planar=False):
     height = feet[..., 2] + robot.ankle_height - trunk[..., None, 2]  # ankle above trunk
     ankle = np.stack([x, y, height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
+    roll, pitch = trunk[..., None, 3], trunk[..., None, 4]  # [..., 1], the same for both feet
+    lean = rotation(roll, pitch, 0 * roll)  # [..., 1, 3, 3]
     zero = np.zeros_like(height)
-    lean = rotation(trunk[..., None, 3], trunk[..., None, 4], zero[..., :1])  # [..., 1, 3, 3]
     ankle = np.einsum("...ji,...j->...i", lean, ankle)
     foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
@@ -326,8 +379,10 @@ def body_points(robot, torso, joints):
     return world, base @ foot_turn
 
 
-def stance(robot, height=0.395, foot_distance=0.18, pitch=0.1, planar=False, x_offset=0.0):
-    """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12]."""
+def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
+    """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12].
+    (Its numbers in [m] and [rad] are a first guess for this stage; stage 2 gives its own.)
+    """
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
@@ -337,25 +392,6 @@ def fallen(torso, standing_height):
     """Fall [5]: the torso [..., 6] is below half its standing height or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
-
-
-# ------------------------------------------------------------------------ the reflex
-def reflex(robot, trajectory, tick, end, spin):
-    """What the gyro adds to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
-
-    spin [n, 2]: true angular velocity of the torso about its x and y axes at the first of these
-    ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support foot are
-    turned down: they press on the ground, which brakes the turn.
-    """
-    # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
-    lean = trajectory.trunk[..., 3:5]
-    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
-    # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
-    rate = spin + trajectory.gyro[:, tick] - planned
-    turn = trajectory.support[:, tick:end, :, None] * rate[:, None, None]  # [n, ticks, foot, 2]
-    added = np.zeros((*turn.shape[:3], 6))
-    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
-    return added.reshape(*turn.shape[:2], 12)
 
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
@@ -472,12 +508,13 @@ def euler(quaternion):
 class MujocoSim:
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores."""
 
-    # Columns of MuJoCo's state [38]; from 20 on velocities: place, turning (own axes), joints.
+    # Columns of MuJoCo's state [38]; from 20 on velocities: of the position, angular velocity about
+    # the torso's own axes, of the joints.
     TIME = 0
-    PLACE = slice(1, 4)
+    POSITION = slice(1, 4)
     TURN = slice(4, 8)  # a quaternion
     ANGLES = slice(8, 20)
-    SPIN = slice(23, 26)
+    OMEGA = slice(23, 26)
 
     def __init__(self, num_robots, standing, robot, cores):
         import mujoco.rollout  # only here: everything else works without MuJoCo
@@ -519,28 +556,28 @@ class MujocoSim:
             model.dof_frictionloss[6:] = body.stiction[row]
             mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
-    def run(self, trajectory, robots):
+    def run(self, robots, trajectory):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         robot = self.robot
         targets = trajectory.joints  # [n, T + 1, 12]
         start = state = self.state[robots]
         # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
-        # behind a moving target, so it gets one that runs ahead: target + rate·damping / stiffness
+        # behind a moving target, so it gets one that runs ahead (feedforward):
+        # target + rate·damping / stiffness
         rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
         control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models = [self.models[i] for i in robots]
         ticks = rate.shape[1]
-        # A rollout for every reading of the gyro; without a reflex a single one.
-        every = READ_EVERY if trajectory.support.any() else ticks
         parts = []
-        for t in range(0, ticks, every):
-            end = min(t + every, ticks)
-            turning = state[:, self.SPIN][:, :2]
-            now = control[:, t:end] + reflex(robot, trajectory, t, end, turning)
+        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
+            end = min(t + READ_EVERY, ticks)
+            omega = state[:, self.OMEGA][:, :2]  # about x and y
+            now = control[:, t:end] + trajectory.feedback(robot, t, end, omega)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
             self.control[robots] = now[:, -1]
             now = np.where(self.delay[robots, None, None], late, now)
-            # 12 targets; then force and torque on every body, 6 numbers each: the torso is body 1.
+            # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12
+            # on, the torso's from 18 on.
             inputs = np.zeros((*now.shape[:2], 12 + 6 * self.model.nbody))
             inputs[..., :12] = now
             inputs[..., 18:20] = trajectory.push[:, t:end]
@@ -557,9 +594,9 @@ class MujocoSim:
         states[lost] = start[lost, None]
         self.state[robots] = states[:, -1]
         seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks
-        torso = np.concatenate([seen[..., self.PLACE], euler(seen[..., self.TURN])], -1)
+        torso = np.concatenate([seen[..., self.POSITION], euler(seen[..., self.TURN])], -1)
         fell = fallen(torso, self.standing_height).any(1) | lost
-        return Motion(torso, seen[..., self.ANGLES], seen[:, -1, self.SPIN], fell)
+        return Motion(torso, seen[..., self.ANGLES], seen[:, -1, self.OMEGA], fell)
 
     def close(self):
         """Ends its threads."""
@@ -574,7 +611,7 @@ def planar_links(robot):
     centre = sum(link.mass * (link.com[2] + z) for link, z in parts) / mass
     # Parallel axes: I = Σ (Iᵢ + mᵢ·zᵢ²)
     pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
-    torso = Link(mass, (0, 0, centre), (0, pitch, 0))
+    torso = Link(mass, (0, 0, centre), (pitch, pitch, pitch))  # only the one about y is used
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
@@ -601,7 +638,7 @@ class PymunkSim:
     """
 
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
-    ANGLE, SPIN = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
+    ANGLE, OMEGA = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot):
@@ -666,10 +703,11 @@ class PymunkSim:
             mass = link.mass * self.body.mass[i, self.MASS[k]]
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
             x, _, z = link.com
-            # First the joint's place. Then the body moves, so that (x, z) is its centre of mass.
+            # pymunk counts from the centre of mass: put it at the joint, turn it, then move it to
+            # where the link's (x, z) is, so that the joint comes to be at `point`.
             body.angle = -pitch
             body.position = point
-            body.position = body.local_to_world((x, z))  # pymunk counts from the centre of mass
+            body.position = body.local_to_world((x, z))
             space.add(body)
             bodies.append(body)
             if link is robot.foot:
@@ -716,7 +754,7 @@ class PymunkSim:
         pitch = -bodies[..., self.ANGLE]
         return pitch[..., 1:] - pitch[..., self.PARENT]
 
-    def run(self, trajectory, robots):
+    def run(self, robots, trajectory):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         seen = self._run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
@@ -728,18 +766,18 @@ class PymunkSim:
         x = x + down * np.sin(angle)
         z = z - down * np.cos(angle)
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
-        place = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
+        position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
         others = np.stack([z, 0 * z, -angle, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
-        torso = np.concatenate([place, others], -1)  # [n, T, 6]
+        torso = np.concatenate([position, others], -1)  # [n, T, 6]
         self.pose[robots] = torso[:, -1, [0, 1, 5]]
         joints = trajectory.joints[:, 1:].copy()
         joints[..., SAGITTAL] = self._angles(seen[:, 1:])
         fell = fallen(torso, self.standing[0][2]).any(1) | self.lost[robots]
-        # Seen from a torso with pitch θ and yaw ψ: spin = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
+        # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
         pitch = torso[:, -1, 4]
         yaw_rate = self.yaw_rate[robots]
-        spin = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.SPIN], yaw_rate * np.cos(pitch)]
-        return Motion(torso, joints, np.stack(spin, -1), fell)
+        omega = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.OMEGA], yaw_rate * np.cos(pitch)]
+        return Motion(torso, joints, np.stack(omega, -1), fell)
 
     def _run_plane(self, trajectory, robots):
         """Bodies [n, T + 1, 7, 6], before and after every tick."""
@@ -756,12 +794,14 @@ class PymunkSim:
         for t in range(ticks):
             if t % READ_EVERY == 0:
                 end = min(t + READ_EVERY, ticks)
-                turning = [0, -1] * seen[:, t, 0, [self.SPIN]]  # [n, 2] the plane has no roll
-                wanted[:, t:end, 0] += reflex(robot, trajectory, t, end, turning)[..., SAGITTAL]
+                pitching = -seen[:, t, 0, self.OMEGA]  # [n]
+                omega = np.stack([0 * pitching, pitching], -1)  # the plane has no roll
+                wanted[:, t:end, 0] += trajectory.feedback(robot, t, end, omega)[..., SAGITTAL]
             now = np.where(self.body.delay[robots, None, None], self.last[robots], wanted[:, t])
             self.last[robots] = wanted[:, t]
             # A motor that only followed the error would lag behind a moving target: add the
-            # target's rate. So a joint arrives at the end of the tick where the target is then.
+            # target's rate (feedforward). So a joint arrives at the end of the tick where the target
+            # is then.
             error = now[:, 0] - self._angles(seen[:, t])
             speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
             pushes = trajectory.push[:, t, 0].tolist()
@@ -826,7 +866,7 @@ UPPER_ENDS = np.array([[0.05, 0.24], [0.36, 0.36]])
 LINES = (("0.8", 0.085), ("0.88", 0.055), *itertools.product(COLORS, (0.036, 0.029, 0.016)))
 
 
-def camera(azimuth=-60, elevation=20):
+def camera_at(azimuth=-60, elevation=20):
     """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
     (-90, 90): from above. Its axes as rows [3, 3]: towards it, to the right, up in the picture.
     """
@@ -835,22 +875,24 @@ def camera(azimuth=-60, elevation=20):
 
 def capsule(start, end, radius):
     """Outline [24, 2] of a thick line from start [2] to end [2], with round ends."""
-    across = np.arctan2(*(end - start)[::-1]) + np.linspace(0.5, 1.5, 12) * np.pi
+    x, y = end - start
+    across = np.arctan2(y, x) + np.linspace(0.5, 1.5, 12) * np.pi
     half = radius * np.stack([np.cos(across), np.sin(across)], -1)  # of a circle [12, 2]
     return np.concatenate([start + half, end - half])
 
 
-def draw_robots(axes, robot, torso, joints, view):
+def draw_robots(axes, robot, torso, joints, camera):
     """One robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as measured;
-    view: a `camera`. Limbs are thick lines, painted from the farthest to the nearest one.
+    camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
     points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
     up = rotation(*torso[:, 3:].T)[:, None, None, :, 2]  # [K, 1, 1, 3] along the torso
     upper = torso[:, None, None, :3] + UPPER_ENDS[..., None] * up  # [K, 2, 2, 3]
     # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
     legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
-    seen = np.concatenate([upper, legs], 1) @ view.T  # [K, 8, 2, 3]
+    seen = np.concatenate([upper, legs], 1) @ camera.T  # [K, 8, 2, 3] first: towards the camera
     count = len(torso)
+    # The farthest first: a line is as near as the nearer one of its ends.
     for k, j in sorted(np.ndindex(count, 8), key=lambda line: seen[line][:, 0].max()):
         start, end = seen[k, j, :, 1:]
         color, radius = LINES[j]
@@ -861,11 +903,11 @@ def draw_robots(axes, robot, torso, joints, view):
         axes.fill(*light.T, color=0.6 * color + 0.4)
 
 
-def draw_ground(axes, view, size=2):
+def draw_ground(axes, camera, size=2):
     """Squares of 0.25 m on the ground, `size` [m] to every side of the origin."""
     for u in np.arange(-size, size + 0.01, 0.25):
         for line in ([u, u], [-size, size]), ([-size, size], [u, u]):
-            axes.plot(*(view[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
+            axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
 
@@ -874,8 +916,8 @@ def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
     trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
-    # The centres of thigh and shin are in their middle, so each end gets half of the mass. That of
-    # a foot is seen from the ankle. (The parts of both feet outward cancel.)
+    # We take the centres of thigh and shin to be in their middle, so each end gets half of the mass.
+    # That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
     thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
     parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
     x, _, z = robot.foot.com
@@ -884,72 +926,63 @@ def centre_of_mass(robot, torso, joints):
 
 
 def main():
-    parser = StageParser(__doc__)
-    args = parser.parse()
-    out = parser.folder(args)
+    args = stage_parser(__doc__).parse_args()
+    out = output_folder(args)
     robot = RobotModel()
-    count = 64
-    everybody = np.arange(count)
+    leans = np.linspace(0.2, 0.4, 201)  # [rad]
     standing = stance(robot, planar=args.sim == "pymunk")
-    sim = make_sim(args.sim, count, standing)
-    rng = np.random.default_rng(args.seed)
-    leans = rng.uniform(0.1, 0.5, count)  # [rad]
-    stand = np.tile(standing[1], (count, 1001, 1))  # [N, T + 1, 12] for 10 s
-    joints = stand.copy()
+    joints = np.tile(standing[1], (len(leans), 1001, 1))  # [N, T + 1, 12] for 10 s
     # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
     # right, tilts all the rest forward.
     share = np.clip(np.linspace(-1, 9, 1001) / 8, 0, 1)  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    trunk = np.zeros_like(stand[..., :6])
-    none = np.zeros_like(stand[:, 1:, :2])  # neither reflex nor push
-    # What is drawn at random, unit, sizes; targets, pushes; camera; the edge to fall over [m].
-    cases = [("lean", "rad", leans, joints, none, camera(-90, 10), robot.foot_front)]
-    if args.sim == "mujoco":  # a push to the left, for 50 ms, seen from the front
-        speeds = rng.uniform(0.5, 2.5, count)  # [m/s]
-        push = none.copy()
-        push[:, 100:105, 1] = robot.torso.mass * speeds[:, None] / 0.05  # force = mass·Δv / time
-        edge = 0.18 / 2 + robot.foot_outward + robot.foot_width / 2  # 0.18: as in `stance`
-        cases.append(("push to the side", "m/s", speeds, stand, push, camera(0, 10), edge))
-    figure = plt.figure(figsize=(6 * len(cases), 4.5))
-    for k, (name, unit, sizes, joints, push, view, edge) in enumerate(cases):
-        axes = figure.add_subplot(1, len(cases), k + 1)
-        sim.reset(everybody)
-        motion = sim.run(Trajectory(joints, trunk, none, none, push), everybody)
-        i = np.argmin(np.where(motion.fell, sizes, np.inf))  # the smallest that fell
-        size = f"{sizes[i]:.2f} {unit}"
-        print(f"{motion.fell.sum()} of {count} fell; the smallest {name} that did: {size}")
-        down = np.argmax(fallen(motion.torso[i], standing[0][2]))  # when the fall counts
-        seven = down + np.arange(-60, 1, 10)  # [ticks]
-        moments = motion.torso[i, seven], motion.joints[i, seven]
-        draw_ground(axes, view, 0.5)
-        draw_robots(axes, robot, *moments, view)
-        _, right, up = view @ centre_of_mass(robot, *moments).T
-        axes.plot(right, up, "k.-", label="centre of mass")
-        axes.axvline(edge, color="black", ls=":", label="edge of the sole")
-        axes.legend(loc="lower right")
-        axes.set_title(
-            f"The last 0.6 s of a fall: {name} {size}\n"
-            "(left leg blue, right leg orange; squares of 0.25 m)"
-        )
+    trunk = np.zeros_like(joints[..., :6])
+    nobody_pushes = np.zeros_like(joints[:, 1:, :2])
+    sim = make_sim(args.sim, len(leans), standing)
+    motion = sim.run(np.arange(len(leans)), Trajectory(joints, trunk, nobody_pushes))
     sim.close()
+    if not motion.fell.any():
+        raise InputError(f"no lean from {leans[0]} to {leans[-1]} rad was enough to fall")
+    i = motion.fell.argmax()  # the first one
+    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
+    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
+    moments = slice(down - 60, down + 1, 10)  # seven
+    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
+
+    figure, axes = plt.subplots()
+    camera = camera_at(-90, 10)
+    draw_ground(axes, camera, 0.5)
+    draw_robots(axes, robot, torso, joints, camera)
+    _, right, up = camera @ centre_of_mass(robot, torso, joints).T
+    axes.plot(right, up, "k.-")
+    axes.axvline(robot.foot_front, color="black", ls=":")
+    axes.set_title(
+        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
+        "dots: centre of mass; dotted line: the toes, as they stood"
+    )
     save_figure(figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
 
 
 # ------------------------------------------------------------------------ several processes
 # From here on: processes, the command line and files. A first reading may skip this.
+def end_with_parent():
+    """Waits until the process that started this one is gone, however that ended; then ends it."""
+    multiprocessing.parent_process().join()
+    os._exit(1)
+
+
 def begin(*settings):
     """First call in a process of `Workers`: its robots, kept under a global name."""
     global planar_sim
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
+    threading.Thread(target=end_with_parent, daemon=True).start()
     planar_sim = PymunkSim(*settings)
 
 
-def call(method, part, robots):
-    """In a process of `Workers`: run(trajectory, robots) or reset(robots, body)."""
-    if method == "run":
-        return planar_sim.run(part, robots)
-    planar_sim.reset(robots, part)
+def call(method, robots, part):
+    """In a process of `Workers`: run(robots, trajectory) or reset(robots, body)."""
+    return getattr(planar_sim, method)(robots, part)
 
 
 class Workers:
@@ -958,42 +991,34 @@ class Workers:
     def __init__(self, num_robots, standing, robot, cores):
         context = multiprocessing.get_context("spawn")  # the same on every system
         self.pools = []
-        # Processes that start now ignore Ctrl-C and import this file, no later stage: a new process
-        # imports `__main__`, which may need a second for PyTorch.
-        main = sys.modules["__main__"]
-        sys.modules["__main__"] = sys.modules[__name__]
-        handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
-        try:
-            for w in range(cores):
-                settings = len(range(w, num_robots, cores)), standing, robot
-                self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
-                self.pools[w].submit(call, "reset", None, [])  # the first call starts the process
-        finally:
-            sys.modules["__main__"] = main
-            signal.signal(signal.SIGINT, handler)
+        for w in range(cores):
+            settings = len(range(w, num_robots, cores)), standing, robot
+            self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
 
-    def _ask(self, method, part, robots):
-        """Sends each process its share of the robots [n]; their rows in it, and all answers."""
+    def _ask(self, method, robots, part):
+        """Calls method(robots, part) with each process's share of the robots [n]; their rows in it,
+        and all answers."""
         robots = np.asarray(robots, int)
         count = len(self.pools)
         rows = [np.flatnonzero(robots % count == w) for w in range(count)]
         answers = []
         for own, pool in zip(rows, self.pools):
-            # None stays None; else every array is cut to the robots of this process.
-            share = part and replace(part, **{k: v[own] for k, v in vars(part).items()})
-            answers.append(pool.submit(call, method, share, robots[own] // count))
+            share = part
+            if part is not None:  # every array is cut to the robots of this process
+                share = replace(part, **{name: array[own] for name, array in vars(part).items()})
+            answers.append(pool.submit(call, method, robots[own] // count, share))
         return rows, [answer.result() for answer in answers]
 
     def reset(self, robots, body=None):
         """See `PymunkSim.reset`."""
-        self._ask("reset", body, robots)
+        self._ask("reset", robots, body)
 
-    def run(self, trajectory, robots):
+    def run(self, robots, trajectory):
         """See `PymunkSim.run`."""
-        rows, motions = self._ask("run", trajectory, robots)
+        rows, motions = self._ask("run", robots, trajectory)
         order = np.argsort(np.concatenate(rows))  # back into the order of `robots`
-        fields = zip(*(vars(motion).values() for motion in motions))
-        return Motion(*(np.concatenate(parts)[order] for parts in fields))
+        arrays = zip(*(vars(motion).values() for motion in motions))
+        return Motion(*(np.concatenate(parts)[order] for parts in arrays))
 
     def close(self):
         """Ends its processes."""
@@ -1002,53 +1027,40 @@ class Workers:
 
 
 # ------------------------------------------------------------------------ command line and files
-def whole(text):
-    """A whole number of the command line."""
-    number = float(text)  # 1e6 is a whole number, too
-    if not 0 <= number < 2**32 or number % 1:
-        raise ArgumentTypeError(f"{text} is not a whole number from 0 to {2**32 - 1}")
-    return int(number)
+class InputError(Exception):
+    """Something that was given cannot be used; the message is one line that says what to do."""
 
 
-class StageParser(ArgumentParser):
-    """The flags of every stage; a wrong value gets one clear line and exit code 2."""
+def stage_parser(doc):
+    """The flags of every stage."""
+    parser = ArgumentParser(description=doc, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--mujoco",
+        dest="sim",
+        action="store_const",
+        const="mujoco",
+        default="pymunk",
+        help="3-D instead of the sagittal plane",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="same seed, same numbers")
+    parser.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
+    return parser
 
-    def __init__(self, doc):
-        super().__init__(description=doc, formatter_class=RawDescriptionHelpFormatter)
-        self.add_argument(
-            "--mujoco",
-            dest="sim",
-            action="store_const",
-            const="mujoco",
-            default="pymunk",
-            help="3-D instead of the sagittal plane",
-        )
-        self.add_argument("--seed", type=whole, default=0, help="same seed, same numbers")
-        self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
 
-    def error(self, message):
-        self.exit(2, f"{self.prog}: {' '.join(message.split())}\n")
-
-    def parse(self, argv=None):
-        """The arguments; `sim` is "pymunk" or "mujoco"."""
-        for stream in (sys.stdout, sys.stderr):
-            if hasattr(stream, "reconfigure"):  # a notebook's has not
-                stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
-        args = self.parse_args(argv)
-        os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
-        if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
-            self.error("--mujoco needs MuJoCo: python -m pip install mujoco")
-        return args
-
-    def folder(self, args, default=None):
-        """The folder to write to, made and known to be writable."""
-        out = args.out or default or Path("runs", args.sim)
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=out):
-                return out
-        except OSError as error:
-            self.error(f"cannot write to the folder {out} ({error.strerror}), choose another --out")
+def output_folder(args, *parts):
+    """The folder to write to, made if need be: --out, or these parts below runs/, or runs/<sim>. An
+    InputError if nothing can be written there, if MuJoCo is asked for and missing, or --seed < 0."""
+    if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
+        raise InputError("--mujoco needs MuJoCo: python -m pip install mujoco")
+    if args.seed < 0:
+        raise InputError("--seed must be 0 or more")
+    out = args.out or Path("runs", *(parts or [args.sim]))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=out):
+            return out
+    except OSError as error:
+        raise InputError(f"cannot write to {out} ({error.strerror}): choose --out") from error
 
 
 def atomic_write(path, write):
@@ -1067,14 +1079,25 @@ def save_figure(figure, path):
     plt.close(figure)
 
 
-def run(main):
-    """Calls a stage's main(); Ctrl-C or a lost process is one line, no traceback."""
+def start(main):
+    """Calls a script's main(). What is no bug is one line, without a traceback: input that cannot
+    be used, Ctrl-C, a lost process; and a reader like `head` may stop reading."""
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # pythonw has none
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
+    os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
+    plt.switch_backend("Agg")  # figures are drawn into files, without a screen
+    plt.rcdefaults()  # whatever the user's own settings are
+    plt.rcParams.update(STYLE)
     try:
         main()
-    except (KeyboardInterrupt, BrokenProcessPool) as error:
-        print(f"\n{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
+    except BrokenPipeError:
+        os._exit(1)  # nobody reads what is still to be printed
+    except (InputError, KeyboardInterrupt, BrokenProcessPool) as error:
+        message = str(error) or "interrupted"
+        print(f"\n{Path(sys.argv[0]).name}: {message}", file=sys.stderr)
         sys.exit(2)
 
 
 if __name__ == "__main__":
-    run(main)
+    start(main)

@@ -3,19 +3,21 @@
 Paper: the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for the
 swing foot and the trunk, analytic inverse kinematics; parameters found by optimisation. Ours is the
 reflex, which the paper names as future work: within a double step the ankle of the support foot
-answers the gyro.
+answers the gyro (`WalkPlan.feedback`).
 
     python 02_walk_engine.py      a plan, four walks, a push; 4 seconds (`--mujoco` in 3-D)
 
 Prints how far four walks of eight double steps were commanded and how far the robot walked; draws
-`runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot walks within 1 cm of
-what was commanded. The 3-D robot misses it by up to 0.1 m and 0.1 rad, as its feet slip; a planner
+`runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot walks within 1.2 cm of
+what was commanded. The 3-D robot misses it by up to 0.1 m and 0.13 rad, as its feet slip; a planner
 has to correct this. How fast and how well it can walk, on other grounds and with other bodies, is
-measured (and tuned) by `python tests/studies/walk.py`.
+measured (and tuned) by `python tests/studies/walk.py`. (Nothing is drawn at random: `--seed`
+changes nothing here.)
 
 Then two robots are pushed forward amid a walk, one with the reflex, the other without. Guess first:
 which of them stays up, in 3-D and on the plane? (One push proves little: in 3-D neither of them
-falls at 0.8 m/s, and both do at 1 m/s. The study `kicks` counts over many walks.)
+falls at 0.8 m/s, and both do at 1 m/s. The study `kicks` counts over many walks.) A push of 0.6 m/s
+is a force for 50 ms that would give the torso alone this speed, the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. Its zero is the swing foot's usual place: beside the other foot, at
@@ -25,8 +27,8 @@ steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of th
 step moves the robot by 0.16 m (the first one by 0.12 m, since its left foot starts beside the right
 one). With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to the left.
 
-Predict: in 3-D the trunk sways from side to side in a straight walk. How far, as a share of the way
-from the middle between the feet to the support foot? Model the robot as an inverted pendulum: all
+Predict: in 3-D the robot sways from side to side in a straight walk. How far, as a share of the way
+from the middle between the feet to the support foot? Model it as a linear inverted pendulum: all
 its mass m at a constant height h, on a massless leg that stands on the foot at distance p from the
 middle. y is the distance of the mass from the foot. The leg pushes along itself: its force has the
 vertical part m·g, and so the horizontal part m·g·y/h. Hence
@@ -40,8 +42,10 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
     p − y₀ = p·(1 − 1/cosh(√(g/h)·P/4))
 
 towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
-P = 0.62 s, and compare the share of p with `trunk_swing` in TUNED["mujoco"]. (On the plane the
-trunk need not sway: the planar robot cannot fall sideways.)
+P = 0.62 s, and compare the share of p with the tuned plan: there the centre of mass sways by 0.21
+of the way. (`trunk_swing` is that of the trunk: the legs stay behind, and `trunk_roll` adds to it.
+And the foot is no point: it may press anywhere on its sole.) On the plane nothing sways, as the
+planar robot cannot fall sideways.
 
 Left out: stairs; steps that answer a push (only the ankles do).
 
@@ -60,29 +64,41 @@ LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
 
 
 @dataclass(frozen=True)
-class WalkParameters:
-    """Named after those of [5]. The values here are a first guess; those in use: TUNED."""
+class WalkParameters(robot_model.Checked):
+    """Named after those of [5]."""
 
-    half_ticks: int = 31  # [control ticks] of a single step
-    double_support: float = 0.1  # [-] share of a single step with both feet on the ground
-    foot_distance: float = 0.18  # [m] between the ankles when standing
-    foot_rise: float = 0.05  # [m] apex of the swing foot
-    trunk_height: float = 0.395  # [m] torso frame above the soles
-    trunk_phase: float = -0.1  # [single steps] by which the trunk is late; between −0.5 and 0.5
-    trunk_pitch: float = 0.1  # [rad] forward lean
-    trunk_swing: float = 0.3  # [-] share of the way from the middle to the support foot
-    trunk_x_offset: float = 0.0  # [m] trunk ahead of the middle of the feet
-    pitch_per_step: float = 0.0  # [rad/m] lean added per metre that the middle of the feet moves on
-    pitch_per_turn: float = 0.0  # [rad/rad] lean added per turn in a single step, to either side
-    trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
-    reflex: float = 0.05  # [s] gain at the support ankle, see `reflex` of stage 1; ours
+    half_ticks: int  # [control ticks] of a single step
+    double_support: float  # [-] share of a single step with both feet on the ground
+    foot_distance: float  # [m] between the ankles when standing
+    foot_rise: float  # [m] apex of the swing foot
+    trunk_height: float  # [m] torso frame above the soles
+    trunk_phase: float  # [single steps] by which the trunk is late; between −0.5 and 0.5
+    trunk_pitch: float  # [rad] forward lean
+    trunk_swing: float  # [-] share of the way from the middle to the support foot
+    trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
+    pitch_per_step: float  # [rad/m] lean added per metre that the middle of the feet moves on
+    pitch_per_turn: float  # [rad/rad] lean added per turn in a single step, to either side
+    trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
+    reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
+
+    above_zero = ("half_ticks", "foot_distance", "trunk_height")
+    may_be_negative = (
+        "trunk_phase",
+        "trunk_pitch",
+        "trunk_x_offset",
+        "pitch_per_step",
+        "pitch_per_turn",
+        "trunk_roll",
+    )
 
 
 # Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
 # it (2026-11-23).
 TUNED = {
     "pymunk": WalkParameters(
+        half_ticks=31,
         double_support=0.0998,
+        foot_distance=0.18,  # not tuned: on the plane it hardly matters
         foot_rise=0.0226,
         trunk_height=0.3718,
         trunk_phase=0.0353,
@@ -91,8 +107,10 @@ TUNED = {
         trunk_x_offset=0.0024,
         pitch_per_step=-0.0122,
         pitch_per_turn=0.1092,
+        trunk_roll=0.0,
     ),
     "mujoco": WalkParameters(
+        half_ticks=31,
         double_support=0.0777,
         foot_distance=0.1634,
         foot_rise=0.0307,
@@ -106,6 +124,8 @@ TUNED = {
         trunk_roll=0.0533,
     ),
 }
+REFLEX_LIMIT = 0.25  # [rad] of what the reflex adds to a joint target; our choice
+PUSH_TICKS = 5  # [control ticks] that a push lasts; our choice
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
 
 
@@ -122,7 +142,9 @@ def quintic(start, end, duration):
     p = p1 - p0 - v0 * D - a0 * D**2 / 2
     v = v1 - v0 - a0 * D
     a = a1 - a0
-    # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a, solved:
+    # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
+    # To check the solution put D = 1: the rows (20, −8, 1), (−30, 14, −2), (12, −6, 1), halved, are
+    # the inverse of the matrix with the rows (1, 1, 1), (3, 4, 5), (6, 12, 20).
     c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
     c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
     c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
@@ -135,12 +157,42 @@ def polynomial(c, t, order=0):
     return np.polynomial.polynomial.polyval(t, derived)
 
 
+# ------------------------------------------------------------------------ the reflex
+@dataclass
+class WalkPlan(robot_model.Trajectory):
+    """A planned double step, and the reflex that keeps the robot upright meanwhile.
+
+    In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
+    ankle strategy). It closes the loop within the double step; the footsteps are open loop.
+    """
+
+    reflex_gain: np.ndarray  # [N, T, 2] [s] left, right ankle; 0 while the foot swings
+    gyro_error: np.ndarray  # [N, T, 2] [rad/s] measured − true angular velocity about x and y
+
+    def feedback(self, robot, tick, end, angular_velocity):
+        """What the gyro adds to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
+
+        angular_velocity [n, 2]: the true one of the torso about its x and y axes at the first of
+        these ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support
+        foot are turned down: they press on the ground, which brakes the turn.
+        """
+        # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
+        lean = self.trunk[..., 3:5]
+        planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+        # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
+        rate = angular_velocity + self.gyro_error[:, tick] - planned
+        turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]  # [n, ticks, foot, 2]
+        added = np.zeros((*turn.shape[:3], 6))
+        added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
+        return added.reshape(*turn.shape[:2], 12)
+
+
 # ------------------------------------------------------------------------ the engine
 class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
     All poses live in one fixed frame: the middle between the feet, where they stood after a reset.
-    (The simulators' origin is the torso's place then, trunk_x_offset farther ahead.)
+    (The origin of the simulators is where the torso stood, trunk_x_offset farther ahead.)
     """
 
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
@@ -149,9 +201,9 @@ class WalkEngine:
         self.planar = planar
         self.half = p.half_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.half  # [s] a double step
-        self.stance = robot_model.stance(
-            robot, p.trunk_height, p.foot_distance, p.trunk_pitch, planar, p.trunk_x_offset
-        )  # torso, joints
+        self.stance = robot_model.stance(  # torso, joints
+            robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
+        )
         # Where each foot usually is, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
@@ -174,7 +226,7 @@ class WalkEngine:
         return left, compose(left, steps[:, RIGHT])
 
     def plan(self, footsteps, robots):
-        """Next double step of these robots [n]: their Trajectory, and their feet.
+        """Next double step of these robots [n]: their WalkPlan, and their feet.
 
         footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive. Feet
         [n, T + 1, 2, 4]: x, y, z of the sole below the ankle [m], yaw [rad].
@@ -182,11 +234,12 @@ class WalkEngine:
             time   0 · · · · · · · · half · · · · · · · period · · · · · · ·
             left   |wait|   swing    |       support       |
             right  |     support     |wait|   swing        |
-            trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)   + trunk_phase
+            trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)
                  state                                   state
 
         A knot is the state (position, velocity, acceleration) that the trunk shall have in the
-        middle of a single step; knot 3 lies in the next double step. Quintics join the knots.
+        middle of a single step, all three by trunk_phase later; knot 3 lies in the next double
+        step. Quintics join the knots.
         """
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
         new_left, new_right = self.landings(right, footsteps)
@@ -201,15 +254,14 @@ class WalkEngine:
         half = self.parameters.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), 2 * half + 1, 2, 4))
         feet[:, : half + 1, LEFT] = self._swing(left, new_left)
-        feet[:, half:, LEFT][..., [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z is 0 (a view)
-        feet[:, :half, RIGHT][..., [0, 1, 3]] = right[:, None]
+        feet[:, half:, LEFT, [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z stays 0
+        feet[:, :half, RIGHT, [0, 1, 3]] = right[:, None]
         feet[:, half:, RIGHT] = self._swing(right, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         joints = robot_model.body_inverse(self.robot, trunk, feet, self.planar)
-        support = np.zeros((len(left), 2 * half, 2))  # the gain of each foot while it stands
-        support[:, :half, RIGHT] = support[:, half:, LEFT] = self.parameters.reflex
-        zero = np.zeros_like(support)  # an exact gyro, no push
-        return robot_model.Trajectory(joints, trunk, support, zero, zero.copy()), feet
+        push, gyro_error, gain = np.zeros((3, len(left), 2 * half, 2))  # no push, an exact gyro
+        gain[:, :half, RIGHT] = gain[:, half:, LEFT] = self.parameters.reflex  # of support feet
+        return WalkPlan(joints, trunk, push, gain, gyro_error), feet
 
     def _knot(self, support, start, landing):
         """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].
@@ -253,8 +305,8 @@ class WalkEngine:
             path[..., later] = polynomial(spline, time[later] - begin)
             begin = end
             state = knot
-        # The double step ends within the last spline; the next double step begins in that state:
-        # position, velocity, acceleration.
+        # The double step ends within the last spline, which began at ends[1]; the next double step
+        # begins in that state: position, velocity, acceleration.
         state = [polynomial(spline, self.period - ends[1], order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
@@ -276,13 +328,19 @@ class WalkEngine:
         return foot
 
 
-def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
+def push_force(robot, speed):
+    """The force [N] that gives the torso alone this speed [m/s] within PUSH_TICKS."""
+    # force = mass·Δv / duration
+    return robot.torso.mass * speed / (PUSH_TICKS * robot.control_dt)
+
+
+def walk_plans(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     """Walk N robots, which differ from the model by `body`, through K double steps [N, K, 2, 3],
     from standing.
 
-    Returns torso poses [N, K + 1, 3], commanded poses between the feet [N, K + 1, 3] (yaws
-    unwrapped), and in which double step each robot fell [N] (K: it did not fall). Before every
-    double step disturb(trajectory, robots) may change the Trajectory of these robots [n]; after it
+    Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
+    the origin), and in which double step each robot fell [N] (K: it did not fall). Before every
+    double step disturb(plan, robots) may change the WalkPlan of these robots [n]; after it
     watch(engine, motion) is called.
     """
     footsteps = np.asarray(footsteps, float)
@@ -290,24 +348,25 @@ def walk(sim, parameters, footsteps, body=None, disturb=None, watch=None):
     engine = WalkEngine(n, parameters, planar=sim == "pymunk")
     simulator = robot_model.make_sim(sim, n, engine.stance)
     simulator.reset(np.arange(n), body)
-    poses, wanted = np.zeros((2, n, count + 1, 3))
+    poses, commanded = np.zeros((2, n, count + 1, 3))
     fall = np.full(n, count)
+    ahead = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
     for k in range(count):
         poses[:, k + 1] = poses[:, k]
         up = np.flatnonzero(fall == count)
         if len(up):
-            trajectory, _ = engine.plan(footsteps[up, k], up)
+            plan, _ = engine.plan(footsteps[up, k], up)
             if disturb:
-                disturb(trajectory, up)
-            motion = simulator.run(trajectory, up)
+                disturb(plan, up)
+            motion = simulator.run(up, plan)
             poses[up, k + 1] = motion.torso[:, -1, [0, 1, 5]]
             fall[up[motion.fell]] = k
             if watch:
                 watch(engine, motion)
-        wanted[:, k + 1] = engine.feet.mean(1)
+        commanded[:, k + 1] = compose(engine.feet.mean(1), ahead) - ahead
     simulator.close()
     poses[..., 2] = np.unwrap(poses[..., 2])
-    return poses, wanted, fall
+    return poses, commanded, fall
 
 
 # ------------------------------------------------------------------------ demonstration
@@ -321,17 +380,18 @@ WALKS = {  # eight double steps each
 
 def pushed(sim, parameters, speed):
     """Two robots walk forward, the second one without the reflex. In the second double step both
-    are pushed forward for 50 ms, by `speed` [m/s]. Returns torso [2, T, 6], joints [2, T, 12].
+    are pushed forward at this speed [m/s], see `push_force`. Returns torso [2, T, 6], joints
+    [2, T, 12].
     """
     engine = WalkEngine(2, parameters, planar=sim == "pymunk")
     simulator = robot_model.make_sim(sim, 2, engine.stance)
     motions = []
     for k in range(4):
-        trajectory, _ = engine.plan(np.array([WALKS["forward"]] * 2), [0, 1])
-        trajectory.support[1] = 0
-        if k == 1:  # force = mass·Δv / duration
-            trajectory.push[:, 10:15, 0] = engine.robot.torso.mass * speed / 0.05
-        motions.append(simulator.run(trajectory, [0, 1]))
+        plan, _ = engine.plan(np.array([WALKS["forward"]] * 2), [0, 1])
+        plan.reflex_gain[1] = 0
+        if k == 1:
+            plan.push[:, 10 : 10 + PUSH_TICKS, 0] = push_force(engine.robot, speed)
+        motions.append(simulator.run([0, 1], plan))
     simulator.close()
     return [
         np.concatenate([getattr(motion, name) for motion in motions], 1)
@@ -343,7 +403,7 @@ def plot_push(robot, torso, joints, path, title):
     """Tilt over time, both robots every 0.5 s from 0.4 s on; torso [2, T, 6], joints [2, T, 12]."""
     figure, (chart, *panels) = plt.subplots(1, 3, figsize=(14, 4))
     tilt = np.degrees(np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4])))  # as in `fallen`
-    view = robot_model.camera(-70, 10)
+    camera = robot_model.camera_at(-70, 10)
     names = "with the reflex", "without the reflex"
     chart.set_prop_cycle(color=["tab:green", "tab:red"], ls=["-", "--"])
     chart.plot(np.arange(torso.shape[1]) * robot.control_dt, tilt.T, label=names)
@@ -351,13 +411,13 @@ def plot_push(robot, torso, joints, path, title):
     chart.axvspan(0.72, 0.77, color="0.85", label="push")
     chart.legend()
     for panel, name, pose, angles in zip(panels, names, torso[:, 40::50], joints[:, 40::50]):
-        robot_model.draw_ground(panel, view, 1)
-        robot_model.draw_robots(panel, robot, pose, angles, view)
+        robot_model.draw_ground(panel, camera, 1)
+        robot_model.draw_robots(panel, robot, pose, angles, camera)
         panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
     robot_model.save_figure(figure, path)
 
 
-def plot_plan(engine, trajectory, feet, torso, path):
+def plot_plan(engine, plan, feet, torso, path):
     """A robot's double step over time: planned trunk and feet; measured torso [1, T, 6]."""
     time = np.arange(feet.shape[1]) * engine.robot.control_dt
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.6))
@@ -366,59 +426,57 @@ def plot_plan(engine, trajectory, feet, torso, path):
         for foot, name in enumerate(("left foot", "right foot")):
             axis.plot(time, feet[0, :, foot, k], color=robot_model.COLORS[foot], label=name)
         if k < 2:
-            axis.plot(time, trajectory.trunk[0, :, k], "k", label="trunk, planned")
+            axis.plot(time, plan.trunk[0, :, k], "k", label="trunk, planned")
             axis.plot(time[1:], torso[0, :, k], "k--", label="torso, measured")
-        axis.axvline(engine.half, color="0.7", lw=1, label="the support foot changes")
+        axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.suptitle("A double step amid a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 
 
-def plot_walks(poses, wanted, path, title):
-    """The way of every walk from above: poses and wanted poses [4, K + 1, 3]."""
+def plot_walks(poses, commanded, path, title):
+    """The way of every walk from above: poses and commanded poses [4, K + 1, 3]."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for k, (name, walked) in enumerate(zip(WALKS, poses)):
         x, y, yaw = walked.T  # an arrow points where the robot faces
         axis.quiver(
             x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", label=name, width=0.004, pivot="mid"
         )
-    axis.plot(*wanted[..., :2].reshape(-1, 2).T, "k+", label="commanded")
+    axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
-    axis.margins(0.06, 0.12)
     axis.legend()
     robot_model.save_figure(figure, path)
 
 
 def main():
-    parser = robot_model.StageParser(__doc__)
-    args = parser.parse()
-    out = parser.folder(args)
+    args = robot_model.stage_parser(__doc__).parse_args()
+    out = robot_model.output_folder(args)
     sim = args.sim
     parameters = TUNED[sim]
     engine = WalkEngine(1, parameters, planar=sim == "pymunk")
     print(f"{sim}: a double step takes {engine.period:.2f} s")
     simulator = robot_model.make_sim(sim, 1, engine.stance)
     for _ in range(2):  # the second one is drawn; the first one starts from standing
-        trajectory, feet = engine.plan(np.array([WALKS["forward"]]), [0])
-        motion = simulator.run(trajectory, [0])
+        plan, feet = engine.plan(np.array([WALKS["forward"]]), [0])
+        motion = simulator.run([0], plan)
     simulator.close()
     torso = motion.torso + [parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
-    plot_plan(engine, trajectory, feet, torso, out / "02_plan.png")
+    plot_plan(engine, plan, feet, torso, out / "02_plan.png")
 
-    plans = np.repeat(np.array(list(WALKS.values()))[:, None], 8, 1)  # [4, K, 2, 3]
-    poses, wanted, fall = walk(sim, parameters, plans)
+    plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
+    poses, commanded, fall = walk_plans(sim, parameters, plans)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
-    for name, a, b, when in zip(WALKS, wanted[:, -1], poses[:, -1], fall):
+    for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
         print(
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
-    plot_walks(poses, wanted, out / "02_walk.png", f"Eight double steps ({sim}), seen from above")
+    plot_walks(poses, commanded, out / "02_walk.png", f"Eight double steps ({sim}), from above")
     torso, joints = pushed(sim, parameters, 0.6)
     plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 
 if __name__ == "__main__":
-    robot_model.run(main)
+    robot_model.start(main)

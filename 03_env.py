@@ -5,7 +5,7 @@ has arrived when it stays: two double steps in a row must end at the goal (the p
 
     python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
-(`--mujoco` in 3-D.) Prints what is observed, what an action is and how the episodes end; writes
+(`--mujoco` in 3-D; the goals are measured exactly here.) Prints what is observed, what an action is and how the episodes end; writes
 `runs/<sim>/03_rewards.png`. Predict: which two reward terms have the largest positive sums for the
 hand-written planner, and which ones have negative sums?
 
@@ -20,12 +20,15 @@ of it to other libraries as a `gymnasium.Env`.
 
 Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
 the encoding of the observation, the spread of goals and noise. Ours: ground and body are drawn anew
-for every episode (`Spread`), and no planner receives these values; pushes, if you ask for them; and
-an estimate of the goal, which combines all noisy measurements so far and is the same for every
-planner (`predict`, `correct`).
+for every episode (`Spread`: domain randomization), and no planner receives these values; pushes, if
+you ask for them; and an estimate of the goal, which combines all noisy measurements so far and is
+the same for every planner (`predict`, `correct`).
+
+All settings are arguments of `FootstepWorld`. So another walk is `FootstepWorld(64, walk=…)`, and
+the same words fit both environments and `gymnasium.make("03_env:Footsteps-v0", …)`.
 """
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib import import_module
 
 import gymnasium as gym
@@ -39,7 +42,7 @@ wrap = robot_model.wrap
 
 
 @dataclass(frozen=True)
-class Task:
+class Task(robot_model.Checked):
     """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
 
     goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, from the paper's baseline times
@@ -52,7 +55,7 @@ class Task:
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
-    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] 1 σ of walked − planned double steps, in 3-D
+    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] 1 σ of walked − planned (process noise); ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
@@ -60,17 +63,19 @@ class Task:
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.1  # [-] continuity
-    s_fall: float = 10.0  # [-] the price of a fall; ours
-    s_goal: float = 1.5  # [-] the prize for having arrived; ours
-    s_time: float = 0.04  # [-] the price of a double step; ours. γ is the discount of stage 4:
+    s_fall: float = 10.0  # [-] cost of a fall; ours
+    s_goal: float = 1.5  # [-] bonus for having arrived; ours
+    s_time: float = 0.04  # [-] cost of a double step; ours. γ is the discount of stage 4:
     #                       a reward t double steps ahead counts γᵗ times. So walking without end
     #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 2 with γ = 0.98.
 
+    above_zero = ("time_limit",)
+
 
 @dataclass(frozen=True)
-class Spread:
-    """How far ground and robot may be from the model in an episode. All zeros: the model itself.
-    Every value is drawn uniformly and independently; sizes: our choice."""
+class Spread(robot_model.Checked):
+    """How far ground and robot may be from the model in an episode (domain randomization). All
+    zeros: the model itself. Every value is drawn uniformly and independently; sizes: our choice."""
 
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
@@ -79,15 +84,20 @@ class Spread:
     delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
     gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
 
+    def __post_init__(self):
+        super().__post_init__()
+        # The farthest robot must be possible, too: Body refuses numbers below 0.
+        robot_model.Body(0, 1 - self.mass, 1 - self.stiffness, 0, 1 - self.delay)
+
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
         drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
         return robot_model.Body(
-            friction=np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
-            mass=1 + self.mass * drawn[:, 1:10],
-            stiffness=1 + self.stiffness * drawn[:, 10:22],
-            stiction=self.stiction * (1 + drawn[:, 22:34]) / 2,
-            delay=self.delay * (drawn[:, 34] > 0),
+            np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
+            1 + self.mass * drawn[:, 1:10],
+            1 + self.stiffness * drawn[:, 10:22],
+            self.stiction * (1 + drawn[:, 22:34]) / 2,
+            self.delay * (drawn[:, 34] > 0),
         )
 
 
@@ -121,7 +131,7 @@ GOAL_TABLE = (
 # that, the last two actions stand in for it.
 ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
 PREVIOUS_TABLE = tuple(
-    (f"{name}, {ago}", "−1, 1: low, high limit", -1.0, 1.0)
+    (f"{name}, {ago}", "low … high limit", -1.0, 1.0)
     for ago in ("last action", "action before")
     for name in ACTION_NAMES
 )
@@ -137,9 +147,8 @@ def observation_table(imu=False):
     return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
 
 
-def bounds(imu):
-    """The lowest and the highest observation, [2, 20 or 25]."""
-    return np.array([row[2:] for row in observation_table(imu)], np.float32).T
+# The lowest and the highest observation, [2, 25].
+BOUNDS = np.array([row[2:] for row in observation_table(imu=True)], np.float32).T
 
 
 def checked(name, value, *shape):
@@ -201,7 +210,8 @@ def to_action(footsteps, limits):
 def potentials(goal, near_m):
     """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
     d, alpha, beta = polar(goal)
-    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it
+    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So coming near with a wrong yaw
+    # costs first; the turn pays it back.
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
@@ -216,9 +226,11 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     potential Φ (`potentials`) after the double step minus that before it. In the sum over an
     episode all but the ends cancel, Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start. So a closed path pays
     nothing. With a discount γ < 1 its beginning counts more than its end: towards the goal and back
-    pays a little, away and back costs a little. (Potential-based shaping, Ng, Harada, Russell,
-    1999, pays γ·Φ′ − Φ. Then a closed path pays what standing still pays, and the best policy stays
-    the same.)
+    pays a little, away and back costs a little. It is no loophole: a step of 0.34 m towards the
+    goal and one back pay 0.34·(1 − γ) = 0.007 with γ = 0.98, and the two double steps cost 0.08.
+    (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ. Its discounted sum
+    Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0 depends on the ends only, so where Φ_T is 0 the best policy
+    stays the same.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
@@ -235,34 +247,20 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     }
 
 
-def hand_written(measured, limits):
-    """A planner without learning. Far from the goal it turns to the goal's position, near it to the
-    goal's yaw.
-
-    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
-    """
-    d, alpha, beta = polar(measured)
-    turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
-    x, y, _ = measured.T
-    # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
-    wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] of each foot
-    steps = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
-    steps = np.clip(steps, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
-    return to_action(steps, limits)
-
-
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
-# a Kalman filter for each of x, y and yaw, as if their errors were independent.
+# a Kalman filter for each of x, y and yaw, as if their errors were independent. (They are not. With
+# the policy the errors of x and y in 3-D are 1.3 to 1.7 times as large as the filter claims.)
 def predict(goal, variance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the variance [n, 3] of its error.
 
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
-    [3]: standard deviation of the double step from its plan. All in m, m, rad.
+    [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad.
     """
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
-    # A turn that is off by e moves what lies ahead by x to the side by e·x:
+    # A turn that is off by a small e moves a goal at (x, y) by e·(y, −x), so the error of the yaw
+    # adds to the variance of x by way of y, and to that of y by way of x:
     # V ← V + drift² + (y², x², 0)·drift_yaw²
     lever = np.stack([y, x, 0 * x], -1)
     return goal, variance + np.square(drift) + (lever * drift[2]) ** 2
@@ -270,6 +268,9 @@ def predict(goal, variance, motion, drift):
 
 def correct(goal, variance, measured, noise):
     """The goal [n, 3] after a measurement [n, 3], and its variance; noise: its 1 σ [3]."""
+    # Mix prediction and measurement, (1 − K)·goal + K·measured = goal + K·(measured − goal). With
+    # independent errors of variance V and R the mix has (1 − K)²·V + K²·R. This is smallest where
+    # its derivative −2·(1 − K)·V + 2·K·R is 0:
     # K = V / (V + R): 1 trusts the measurement, 0 the prediction;   V ← (1 − K)·V = K·R
     # goal ← goal + K·(measured − goal)
     gain = variance / (variance + np.square(noise))
@@ -281,21 +282,25 @@ def correct(goal, variance, measured, noise):
 
 
 # ------------------------------------------------------------------------ the world
-# In every episode a robot has one generator for each of six purposes. So a planner that measures
-# the goal twice does not change the ground.
+# Random numbers: every robot has a generator. In each episode it makes six others, one for each
+# purpose, so a planner that measures the goal twice does not change the ground:
+#     robot ─► episode ─┬► goal    ├► noise of the goal   ├► pushes
+#                       ├► world   ├► noise of the IMU    └► errors of the gyro
 GOAL, WORLD, NOISE, IMU, PUSH, GYRO = range(6)
-PUSH_TICKS = 5  # how long a push lasts
 
 
 @dataclass(frozen=True)
 class View:
-    """What a planner may use for n robots, beside the estimated goals; all of it is copied."""
+    """What a planner may use for n robots; all of it is copied."""
 
+    robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
+    goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot, estimated from all
+    #                   measurements so far
+    observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
+    actions: np.ndarray  # [n, 2, 6] the last one, the one before
     period: float  # [s] of a double step
     limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
-    actions: np.ndarray  # [n, 2, 6] the last one, the one before
-    observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
 
 
 class FootstepWorld:
@@ -306,34 +311,37 @@ class FootstepWorld:
     same noise for all planners.
     """
 
-    push = 0.0  # [m/s] Δv of the pushes
-
     def __init__(
         self,
         num_robots,
         sim="pymunk",
-        noise=False,
+        noise=False,  # are goal and tilt measured with noise?
+        push=0.0,  # [m/s] pushes at random, each as if it gave the torso alone this speed
+        walk=None,  # WalkParameters; None: TUNED of stage 2
+        limits=None,  # StepLimits; None: LIMITS
         task=Task(),
-        cores=None,
-        robot=robot_model.RobotModel(),
         spread=Spread(),
+        robot=robot_model.RobotModel(),
+        cores=None,  # how many of the machine's; None: all
     ):
+        if sim not in LIMITS or num_robots < 1:
+            raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
+        self.sim = sim
+        self.noise = noise
+        self.push = checked("push", push)
+        self.limits = limits or LIMITS[sim]
         self.task = task
-        self.limits = LIMITS[sim]
         self.spread = spread
-        self.noise = noise  # are goal and tilt measured with noise?
         self.engine = walk_engine.WalkEngine(
-            num_robots, walk_engine.TUNED[sim], robot, planar=sim == "pymunk"
+            num_robots, walk or walk_engine.TUNED[sim], robot, planar=sim == "pymunk"
         )
-        self.push_chance = self.engine.period / task.push_every  # of a push in a double step
-        self.sim = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
-        self.close = self.sim.close  # its threads or processes
-        self.most_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
+        self.simulator = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
+        self.close = self.simulator.close  # its threads or processes
+        self.max_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
-        # [N] each robot's generator, which goes on from episode to episode. It makes all others:
-        self.rng = np.array(np.random.default_rng().spawn(num_robots))
-        self.dice = np.empty((num_robots, 6), object)  # those of the episode, a column per purpose
+        self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
+        self.rngs = np.empty((num_robots, 6), object)  # those of the episode, a column per purpose
 
         def zeros(*shape):
             """A row of zeros for every robot."""
@@ -345,46 +353,49 @@ class FootstepWorld:
         self.estimate = zeros(3)  # of the goal, seen from the robot
         self.variance = zeros(3)  # of the estimate's error [m², m², rad²]
         self.pose = zeros(3)  # torso on the ground, true
-        self.tilt = zeros(5)  # roll, pitch [rad], angular velocity [rad/s]
+        self.imu = zeros(5)  # roll, pitch [rad], angular velocity [rad/s], true
         self.actions = zeros(2, 6)  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
         self.allowed = np.zeros(num_robots, int)  # double steps of this episode at most
-        self.inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
+        self.was_inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
+        self.reset(np.arange(num_robots))
 
-    def reset(self, robots, rngs=(), goals=None, friction=np.nan):
+    def reset(self, robots, rngs=(), goals=None):
         """Start episodes: standing at the origin.
 
         rngs: n random generators; without them the robots go on with their own. goals [n, 3];
-        without them they are drawn. friction: μ instead of what is drawn, [n] or one for all; nan:
-        as drawn.
+        without them they are drawn.
         """
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
         if rngs:
             self.rng[robots] = rngs
         # spawn returns new generators at every call, so every episode differs.
-        self.dice[robots] = [rng.spawn(6) for rng in self.rng[robots]]
+        self.rngs[robots] = [rng.spawn(6) for rng in self.rng[robots]]
         if goals is None:  # far with probability ½
             goals = [
                 draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
-                for rng in self.dice[robots, GOAL]
+                for rng in self.rngs[robots, GOAL]
             ]
-        self.goal[robots] = goals
-        body = self.spread.draw(self.dice[robots, WORLD], self.engine.robot)
-        body.friction = np.where(np.isnan(friction), body.friction, friction)
+        body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
         self.friction[robots] = body.friction
-        self.sim.reset(robots, body)
+        self.simulator.reset(robots, body)
         self.engine.reset(robots)
         self.gyro_offset[robots] = [
-            rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.dice[robots, GYRO]
+            rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.rngs[robots, GYRO]
         ]
-        self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
         self.estimate[robots] = self.pose[robots] = 0
-        self.tilt[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
+        self.imu[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
         self.steps[robots] = 0
-        self.allowed[robots] = self.most_steps
-        self.inside[robots] = False
+        self.allowed[robots] = self.max_steps
+        self.set_goal(robots, goals)
+
+    def set_goal(self, robots, goals):
+        """Other goals [n, 3] for these robots, who walk on; x, y [m], yaw [rad] on the ground."""
+        self.goal[robots] = goals
+        self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
+        self.was_inside[robots] = False
 
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
@@ -393,56 +404,55 @@ class FootstepWorld:
     def _noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
         return np.array(
-            [rng.normal(mean, std) for rng, mean in zip(self.dice[robots, purpose], exact)]
+            [rng.normal(mean, std) for rng, mean in zip(self.rngs[robots, purpose], exact)]
         )
 
-    def measure(self, robots):
-        """The goal [n, 3] as the robot knows it after one more measurement."""
+    def look(self, robots):
+        """The View of these robots after one more measurement: once before every decision."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         measured = self._noisy(NOISE, self.relative_goal(robots), robots, std)
-        # Without noise K is 1: only the new measurement counts. (Not 0 / 0 if it is made twice.)
-        self.estimate[robots], self.variance[robots] = correct(
+        # Without noise K is 1: only the new measurement counts. (R is not exactly 0, or a second
+        # measurement would have K = V / (V + R) = 0 / 0.)
+        goal, self.variance[robots] = correct(
             self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12)
         )
-        return self.estimate[robots]
-
-    def _disturb(self, trajectory, robots):
-        """What nobody commands: errors of the gyro, and pushes. They go into the trajectory."""
-        robot = self.engine.robot
-        # force = mass·Δv / duration [N]
-        force = robot.torso.mass * self.push / (PUSH_TICKS * robot.control_dt)
-        for i, gyro, push in zip(robots, trajectory.gyro, trajectory.push):  # [T, 2] each, views
-            gyro[:] = self.dice[i, GYRO].normal(
-                self.gyro_offset[i], self.task.imu_rad_s, gyro.shape
-            )
-            chance, begin, way = self.dice[i, PUSH].random(3)  # also if unused
-            if chance < self.push_chance:
-                first = int(begin * (len(push) - PUSH_TICKS + 1))
-                angle = np.pi * (round(way) if self.engine.planar else 2 * way)
-                push[first : first + PUSH_TICKS] = robot_model.turned([force, 0], angle)
-
-    def observe(self, robots, measured):
-        """Observations [n, 25], float32, as in `observation_table`; measured goals [n, 3]."""
-        std = np.repeat([self.task.imu_rad, self.task.imu_rad_s], [2, 3])
-        tilt = self._noisy(IMU, self.tilt[robots], robots, self.noise * std)
-        tilt[:, :2] /= 0.25  # [rad] in the table's unit
-        last = 2 * self.actions[robots].reshape(-1, 12) - 1
-        observation = np.hstack([encode_goal(measured), last, tilt])
-        return np.clip(observation, *bounds(imu=True)).astype(np.float32)
-
-    def view(self, robots, measured):
-        """What a planner may use for these robots, beside the measured goals [n, 3]."""
+        self.estimate[robots] = goal
+        std = self.noise * np.repeat([task.imu_rad, task.imu_rad_s], [2, 3])
+        imu = self._noisy(IMU, self.imu[robots], robots, std)
+        imu[:, :2] /= 0.25  # [rad] in the table's unit
+        actions = self.actions[robots]
+        # From [0, 1] to [−1, 1]
+        observation = np.hstack([encode_goal(goal), 2 * actions.reshape(-1, 12) - 1, imu])
         return View(
+            robots=np.array(robots),
+            goal=goal,
+            observation=np.clip(observation, *BOUNDS).astype(np.float32),
+            actions=actions,
             period=self.engine.period,
             limits=self.limits,
             neutral_action=self.neutral_action.copy(),
-            actions=self.actions[robots],
-            observation=self.observe(robots, measured),
         )
 
-    def step(self, actions, robots):
-        """One double step of these robots; actions [n, 6], clipped to [0, 1].
+    def _disturb(self, plan, robots):
+        """Errors of the gyro, and pushes: they are written into the plan's own arrays."""
+        ticks = walk_engine.PUSH_TICKS
+        often = self.engine.period / self.task.push_every  # chance of a push in a double step
+        for i, error, push in zip(robots, plan.gyro_error, plan.push):  # [T, 2] each, views
+            error[:] = self.rngs[i, GYRO].normal(
+                self.gyro_offset[i], self.task.imu_rad_s, error.shape
+            )
+            drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
+            if drawn < often:
+                first = int(when * (len(push) - ticks + 1))
+                # On the plane ahead or back, else all around.
+                angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
+                force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
+                push[first : first + ticks] = robot_model.turned([force, 0], angle)
+
+    def step(self, actions, robots, disturb=None):
+        """One double step of these robots; actions [n, 6], clipped to [0, 1]. Before physics begins
+        disturb(plan, robots) may change their WalkPlan.
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
@@ -452,50 +462,41 @@ class FootstepWorld:
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before = self.relative_goal(robots)
         last = self.actions[robots, 0]
-        trajectory, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
-        trunk = trajectory.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
+        plan, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
+        trunk = plan.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
         self.estimate[robots], self.variance[robots] = predict(
             self.estimate[robots],
             self.variance[robots],
             robot_model.relative(trunk[:, 0], trunk[:, -1]),
             task.drift,
         )
-        self._disturb(trajectory, robots)
-        motion = self.sim.run(trajectory, robots)
+        self._disturb(plan, robots)
+        if disturb:
+            disturb(plan, robots)
+        motion = self.simulator.run(robots, plan)
         fall = motion.fell
         self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
-        self.tilt[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.spin])
+        self.imu[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.angular_velocity])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
-        # At the goal by place and by yaw; a fall wins.
+        # At the goal by position and by yaw; a fall wins.
         inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
-        success = inside & self.inside[robots]  # twice in a row
-        self.inside[robots] = inside
-        late = self.steps[robots] >= self.allowed[robots]
-        timeout = late & ~success & ~fall
+        success = inside & self.was_inside[robots]  # twice in a row
+        self.was_inside[robots] = inside
         terms = reward_terms(before, after, actions, last, fall, success, task)
         return {
             "success": success,
             "fall": fall,
-            "timeout": timeout,
+            "timeout": (self.steps[robots] >= self.allowed[robots]) & ~success & ~fall,
             "inside": inside,
+            # one double step less after a success (True counts as 1)
             "time": (self.steps[robots] - success) * self.engine.period,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
         }
-
-
-def fingerprint(sim, imu=False):
-    """What a policy was made for, in plain values; it is stored with the policy."""
-    return {
-        "simulator": sim,
-        "observation": [row[0] for row in observation_table(imu)],
-        "step limits": asdict(LIMITS[sim]),
-        "walk parameters": asdict(walk_engine.TUNED[sim]),
-    }
 
 
 # ------------------------------------------------------------------------ Gymnasium
@@ -507,35 +508,41 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     """
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    autoreset = True  # does a finished episode start anew? (Not in `FootstepEnv`.)
 
     def __init__(
-        self, num_envs=64, sim="pymunk", noise=False, imu=False, staggered=False, **settings
+        self,
+        num_envs=64,
+        sim="pymunk",
+        imu=False,  # is the torso's tilt observed, too?
+        staggered=False,  # do the first episodes get less time, so that they end one by one?
+        autoreset=True,  # does a finished episode start anew? (Not in `FootstepEnv`.)
+        **settings,  # of FootstepWorld: noise, push, walk, …
     ):
         self.num_envs = num_envs
-        self.staggered = staggered  # the first episodes get less time, so they end one by one
-        self.single_observation_space = gym.spaces.Box(*bounds(imu))
+        self.staggered = staggered
+        self.autoreset = autoreset
+        self.columns = len(observation_table(imu))  # that are observed; the IMU's are the last
+        self.single_observation_space = gym.spaces.Box(*BOUNDS[:, : self.columns])
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.columns = len(observation_table(imu))  # that are observed; the IMU's are the last
-        self.world = FootstepWorld(num_envs, sim, noise, **settings)
-        self.close_extras = self.world.close  # called once by `close`
+        self.world = FootstepWorld(num_envs, sim, **settings)
+        self.close_extras = self.world.close  # Gymnasium calls it once, in `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
-        rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
-        self.world.reset(self.robots, rngs, (options or {}).get("goals"))
-        if self.staggered:
-            self.world.allowed -= self.np_random.integers(self.world.most_steps, size=self.num_envs)
+        rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
+        self.world.reset(self.robots, rngs, **(options or {}))
+        if self.staggered:  # or all time-outs of robots that cannot walk yet would come at once
+            self.world.allowed -= self.np_random.integers(self.world.max_steps, size=self.num_envs)
         return self.look(self.robots), {}
 
     def look(self, robots):
         """Observations [n, 20 or 25] after one more measurement."""
-        return self.world.observe(robots, self.world.measure(robots))[:, : self.columns]
+        return self.world.look(robots).observation[:, : self.columns]
 
     def step(self, actions):
         """infos: the result of `FootstepWorld.step`, and final_obs, final_info."""
@@ -563,11 +570,11 @@ class FootstepEnv(gym.Env):
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
-    def __init__(self, sim="pymunk", render_mode=None, **settings):  # those of FootstepVectorEnv
+    def __init__(self, render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
-        self.envs = FootstepVectorEnv(1, sim, cores=1, **settings)
-        self.envs.autoreset = False
+        self.envs = FootstepVectorEnv(1, autoreset=False, cores=1, **settings)
         self.world = self.envs.world
+        self.seen = self.world.engine.stance  # the robot as it is drawn: torso [6], joints [12]
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
         self.close = self.envs.close
@@ -576,7 +583,7 @@ class FootstepEnv(gym.Env):
         """A new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
         super().reset(seed=seed)
         observations, info = self.envs.reset(seed=seed, options=options)
-        self.seen = self.world.engine.stance  # the robot as it is drawn: torso [6], joints [12]
+        self.seen = self.world.engine.stance
         return observations[0], info
 
     def step(self, action):
@@ -584,19 +591,19 @@ class FootstepEnv(gym.Env):
         observations, *results, infos = self.envs.step([action])
         motion = infos["motion"]
         self.seen = motion.torso[0, -1], motion.joints[0, -1]
-        info = {key: infos[key][0] for key in ("success", "fall", "timeout", "time")}
+        info = {key: infos[key][0].item() for key in ("success", "fall", "timeout", "time")}
         info["reward_terms"] = {name: r[0] for name, r in infos["reward_terms"].items()}
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
         """The robot and its goal (a green star), uint8 [400, 400, 3]; the camera follows it."""
-        figure, axes = plt.subplots(figsize=(4, 4), dpi=100)
-        view = robot_model.camera()
-        robot_model.draw_ground(axes, view, 4)
-        axes.plot(*(view[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
+        figure, axes = plt.subplots(figsize=(4, 4))
+        camera = robot_model.camera_at()
+        robot_model.draw_ground(axes, camera, 4)
+        axes.plot(*(camera[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
         torso, joints = self.seen
-        robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], view)
-        _, x, y = view @ torso[:3]
+        robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], camera)
+        _, x, y = camera @ torso[:3]
         axes.axis([x - 0.6, x + 0.6, y - 0.6, y + 0.6])
         figure.canvas.draw()
         picture = np.array(figure.canvas.buffer_rgba())[..., :3]
@@ -608,33 +615,47 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 
 # ------------------------------------------------------------------------ demonstration
+def hand_written(goal, limits):
+    """A planner without learning. Far from the goal it turns to the goal's position, near it to the
+    goal's yaw.
+
+    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
+    """
+    d, alpha, beta = polar(goal)
+    turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
+    x, y, _ = goal.T
+    # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
+    wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] of each foot
+    mirrored = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
+    steps = np.clip(mirrored, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
+    return to_action(steps, limits)
+
+
 def plot_rewards(means, paid, path, title):
-    """Left: the sum of each term per episode that ended, [7] by planner. Right: one episode of one
-    robot, what each term paid in its K double steps, [K, 7].
+    """Left: the sum of all rewards, by term, ÷ the number of episodes that ended; [7] by planner.
+    Right: one episode of one robot, what each term paid in its K double steps, [K, 7].
     """
     words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
     figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
     bars.barh(words, means["random"], 0.8, color="0.8", label="random")
     bars.barh(words, means["hand-written"], 0.4, color="tab:cyan", label="hand-written")
     bars.set_xscale("symlog", linthresh=1)  # linear from −1 to 1, logarithmic beyond
-    bars.set(title=title, xlabel="sum of rewards / ended episodes [1]")
+    bars.set(title=title, xlabel="sum of all rewards / ended episodes [1]")
     bars.invert_yaxis()
-    bars.legend(loc=(0.02, 0.62))
+    bars.legend()
     curves.plot(paid.cumsum(0), label=words)
-    curves.axvline(len(paid) - 1, color="0.5", label="end of the episode")
     curves.set(
         title="One episode, hand-written planner",
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )
-    curves.legend(loc=(1.02, 0.2))
+    curves.legend()
     robot_model.save_figure(figure, path)
 
 
 def main():
-    parser = robot_model.StageParser(__doc__)
-    args = parser.parse()
-    path = parser.folder(args) / "03_rewards.png"
+    args = robot_model.stage_parser(__doc__).parse_args()
+    path = robot_model.output_folder(args) / "03_rewards.png"
     limits = LIMITS[args.sim]
     for row in (
         ("observation", "unit", "low", "high"),
@@ -647,29 +668,29 @@ def main():
     count, steps = 64, 60
     envs = FootstepVectorEnv(count, args.sim)
     rng = stream("training", args.seed, 0)
+    planners = {
+        "random": lambda view: rng.random((count, 6)),
+        "hand-written": lambda view: hand_written(view.goal, limits),
+    }
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     means = {}
-    for planner in ("random", "hand-written"):
+    for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
         rows = []
         for _ in range(steps):
-            if planner == "random":
-                actions = rng.random((count, 6))
-            else:
-                actions = hand_written(envs.world.measure(envs.robots), limits)
-            *_, infos = envs.step(actions)
+            *_, infos = envs.step(act(envs.world.look(envs.robots)))
             rows.append([*infos["reward_terms"].values()])
         paid = np.array(rows)  # [60, 7, 64]
         ended = paid[:, 4:6] != 0  # [60, 2, 64] by a fall, at the goal
         falls, goals = ended.sum((0, 2))
-        means[planner] = paid.sum((0, 2)) / ended.sum()
-        print(f"{planner:13s}: {goals} episodes at the goal, {falls} falls")
+        means[name] = paid.sum((0, 2)) / ended.sum()
+        print(f"{name:13s}: {goals} episodes at the goal, {falls} falls")
     envs.close()
-    first = ended.any(1).argmax(0)  # [64] the double step in which the first episode ended
+    first = ended.any(1).argmax(0)  # [64] when the first episode ended; 0: it did not
     robot = first.argmax()  # its first episode was the longest
     plot_rewards(means, paid[: first[robot] + 1, :, robot], path, f"{count} robots ({args.sim})")
     print("Look at", path)
 
 
 if __name__ == "__main__":
-    robot_model.run(main)
+    robot_model.start(main)

@@ -7,14 +7,17 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
-    python 04_ppo.py --resume        continue after Ctrl-C: the same policy, bit for bit
+    python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
     python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
     python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
 
-The share of successes should rise, the share of falls sink. The stage writes policy.pt and
-learning_curve.csv and .png to runs/<sim>/, and checkpoint.pt to resume from. Beside the last policy
-it keeps the first one (policy.start.pt) and that after a tenth of the way (policy.tenth.pt). The
-goal is measured with noise (--no-noise: exactly).
+Successes should become more, time-outs fewer, and the way to the goal quicker. Falls are rare from
+the start, as the first policy steps on the spot. The policy should explore less (entropy), and be
+changed less by an update (clip fraction), and the critic should explain more of the variance. While
+it trains, checkpoint.pt in runs/<sim>/ is what --resume continues from. At the end the stage writes
+policy.pt, learning_curve.csv and .png there, and beside the last policy the first one
+(policy.start.pt) and that after a tenth of the way (policy.tenth.pt). The goal is measured with
+noise (--no-noise: exactly).
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; its average shall be large.
@@ -26,7 +29,8 @@ How the average changes with the policy's parameters (the policy gradient), firs
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
   A number b that does not depend on a changes nothing: E[b·∇ln π] = b·Σ_a ∇π = b·∇1 = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-Over an episode the gradients of its decisions are added. (The rewards before a decision do not
+Over an episode the gradients of its decisions are added: its probability is a product, so its
+logarithm is Σ_t ln π(a_t|s_t) plus what the world does, which has no parameters of ours. (The rewards before a decision do not
 depend on its action; they drop out like b. Exactly, decision t counts γᵗ times; as usual we leave
 this out, so that late decisions learn as much.) Following this gradient makes good actions more
 likely and bad ones less.
@@ -54,14 +58,16 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback
 
 import argparse
 import contextlib
+import copy
+import json
 import math
-import shutil
+import os
 import time
-import warnings
+import zipfile
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 
 import gymnasium as gym
 import matplotlib.pyplot as plt
@@ -73,6 +79,7 @@ from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
+InputError = robot_model.InputError
 torch.set_num_threads(1)  # matrices this small are slower on several threads
 Distribution.set_default_validate_args(False)  # quicker
 STEPS, QUICK_STEPS = 500_000, 60_000  # double steps; the paper: 1,000,000
@@ -92,14 +99,13 @@ class PPOConfig:
     clip: float = 0.2  # ε: beyond 1 ± ε the objective does not grow (clip_range) [7]
     reward_scale: float = 1.0  # so that returns have a size of about 1 to 10 [own]
     value_coef: float = 0.5  # c_V, weight of the critic's loss in the sum (vf_coef) [8]
-    max_grad_norm: float = 0.5  # longer gradients are scaled down to this length [8]
+    max_grad_norm: float = 0.5  # longer gradients (here: most) are scaled down to this length [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer [P]
     first_concentration: float = 10.0  # c = α+β of the first policy, > 2; large: little noise [own]
     sharpest: float = 6.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
-    checkpoint_every: int = 10  # updates; then all episodes begin anew, see `train` [own]
 
 
-# Of --env. Its episodes may be long, so they are never cut off for a checkpoint.
+# Of --env.
 GYM_CONFIG = PPOConfig(
     num_envs=16,
     rollout=128,
@@ -107,7 +113,6 @@ GYM_CONFIG = PPOConfig(
     gamma=0.99,
     reward_scale=0.1,
     sharpest=4.0,
-    checkpoint_every=10**9,
 )
 
 
@@ -131,11 +136,12 @@ class ActorCritic(nn.Module):
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
     hump, as α, β > 1 (not the angles of stage 3). Training uses sampled actions, evaluation uses
     the mean. A narrow distribution makes the two similar. So it is made narrower during training:
-    its density is raised to a power k, the sharpness, which grows from 1 to 6.
+    its density is raised to a power k, the sharpness, which grows from 1 to 6. (In the field's
+    words k is an inverse temperature.)
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode.
     """
 
-    sharpness = 1.0  # k; set by `train` and `load_policy`
+    sharpness = 1.0  # k; no weight: `train` sets it, and it is stored beside the weights
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
@@ -212,7 +218,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
                                           cancels
         all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy
     λ between 0 (the first row) and 1 (the last one) lets later errors fade:
-        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        with λ = 0.95 the error 20 steps ahead counts 0.95²⁰ = 0.36
+        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 20 steps ahead counts (0.98·0.95)²⁰ = 0.24
     """
     # δ_t = r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
@@ -289,7 +295,8 @@ def improve(model, optimizer, data, cfg):
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
         # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. As E[ρ − 1] = 0,
-        # we may add ρ − 1: the mean is the same, but each sample is ≥ 0, so there is less noise.
+        # we may add ρ − 1: the mean is the same, and near ρ = 1, where ln ρ ≈ ρ − 1, its noise is
+        # nearly cancelled.
         return {
             **before,
             "clip_fraction": outside.mean().item(),
@@ -299,24 +306,14 @@ def improve(model, optimizer, data, cfg):
 
 
 # ------------------------------------------------------------------------ the loop
-def train(
-    cfg, make_envs, out, total_steps, seed=0, about=None, resume=False, make_model=ActorCritic
-):
+def train(cfg, make_envs, out, total_steps, seed=0, resume=False, make_model=ActorCritic, **about):
     """Trains for `total_steps` steps of all robots together; (model, rows of the log).
 
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
-    out: an existing folder, a Path; about: plain values, stored with the policy. about["fits"] is
-    compared by stage 5 with its own simulator, observation, limits and walk.
+    out: an existing folder, a Path; about: plain values, stored with the policy.
     """
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
-    updates = max(1, math.ceil(total_steps / samples))
-    about = {
-        "fits": {},
-        **(about or {}),
-        "seed": seed,
-        "steps": updates * samples,
-        "config": asdict(cfg),
-    }
+    updates = math.ceil(total_steps / samples)
     torch.manual_seed(random_seed(seed))
     with contextlib.closing(make_envs(cfg.num_envs)) as bare:
         envs = gym.wrappers.vector.RecordEpisodeStatistics(bare)
@@ -329,42 +326,43 @@ def train(
         )
         # foreach: one call for all weights, which is quicker; eps as in [8]
         optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
-        rows = load_checkpoint(out, about, model, optimizer) if resume else []
-        if not resume:
-            (out / "checkpoint.pt").unlink(missing_ok=True)
-            if (out / "policy.pt").exists():  # an older policy is kept
-                shutil.copyfile(out / "policy.pt", out / "policy.previous.pt")
+        about |= {"seed": seed, "steps": updates * samples, "config": asdict(cfg)}
+        if hasattr(bare, "world"):
+            about["fits"] = fingerprint(bare.world, model.shape["obs_dim"])
+        rows, policies = [], {}  # the log; the first policy and that after a tenth of the way
+        if resume:
+            rows, policies = load_checkpoint(out, about, model, optimizer)
+        elif (out / "checkpoint.pt").exists():  # of another training, which may yet be wanted
+            os.replace(out / "checkpoint.pt", out / "checkpoint.previous.pt")
+            print("the checkpoint of a stopped training: now checkpoint.previous.pt")
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
-        early = {0: "start", max(1, updates // 10): "tenth"}  # policies worth keeping, by update
+        new_seed = random_seed(seed, 1 + first)  # others than before the stop
+        torch.manual_seed(new_seed)
+        obs, _ = envs.reset(seed=new_seed)
         bar = tqdm(
             range(first, updates), total=updates, initial=first, unit=" steps", unit_scale=samples
         )
         for update in bar:
-            # At every tenth update all episodes begin anew, with seeds made of the update's number.
-            # So the networks and Adam's state are all that a checkpoint has to hold, and a resumed
-            # training does bit for bit the same as an uninterrupted one.
-            if update % cfg.checkpoint_every == 0:
-                if update > first:
-                    save_checkpoint(out, about, rows, model, optimizer)
-                new_seed = random_seed(seed, 1 + update)
-                torch.manual_seed(new_seed)
-                obs, _ = envs.reset(seed=new_seed)
             # Learning rate and sharpness change linearly with p, from 0 to (nearly) 1.
             p = update / updates
             rate = cfg.learning_rate * (1.0 - p)
             optimizer.param_groups[0]["lr"] = rate
             model.sharpness = 1.0 + (cfg.sharpest - 1.0) * p
-            if update in early:
-                save_policy(out / f"policy.{early[update]}.pt", model, about)
+            if update in (0, updates // 10):  # with the weights as they are now
+                policies["policy.tenth.pt"] = copy.deepcopy(plain(model, about))
+                policies.setdefault("policy.start.pt", policies["policy.tenth.pt"])
             data, obs, infos = collect(model, envs, obs, cfg.rollout)
             numbers = improve(model, optimizer, data, cfg)
+            if not np.isfinite(numbers["value_loss"]):
+                raise InputError(
+                    f"update {update + 1}: the loss is not finite (a smaller learning rate?)"
+                )
             means = episode_means(infos)
-            minutes = (time.monotonic() - started) / 60
             rows.append(
                 {
                     "steps": (update + 1) * samples,
-                    "minutes": minutes,
+                    "minutes": (time.monotonic() - started) / 60,
                     **numbers,
                     **means,
                     "learning_rate": rate,
@@ -374,26 +372,30 @@ def train(
                 f"success {means['success']:.2f}, falls {means['fall']:.2f}, "
                 f"return {means['return']:.2f}"
             )
-            if not np.isfinite(numbers["value_loss"]):
-                raise FloatingPointError(f"after {rows[-1]['steps']} steps: the loss is not finite")
+            networks = {"model": model.state_dict(), "optimizer": optimizer.state_dict()}
+            log = {"about": about, "rows": rows, "policies": policies}
+            save_plain(out / "checkpoint.pt", networks | log)
     model.sharpness = cfg.sharpest
-    if first < updates:
-        # If the training is killed between these two lines, --resume writes the policy again.
-        save_policy(out / "policy.pt", model, {**about, "minutes": minutes})
-        save_checkpoint(out, about, rows, model, optimizer)
+    table = [list(row.values()) for row in rows]
+    np.savetxt(
+        out / "learning_curve.csv", table, "%.9g", ",", header=",".join(rows[0]), comments=""
+    )
+    policies["policy.pt"] = plain(model, about | {"minutes": rows[-1]["minutes"]})
+    for name, stored in policies.items():  # together, so that all of them are of one training
+        save_plain(out / name, stored)
+    (out / "checkpoint.pt").unlink()
     return model, rows
 
 
 def episode_means(infos):
     """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
     ended = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
-    for info in (info for info in infos if "episode" in info):  # of RecordEpisodeStatistics
-        told = info["episode"]
-        final = {**info["final_info"], "return": told["r"], "length": told["l"]}
-        for name in ended.keys() & final.keys():  # "return": sum of the rewards, not discounted
-            counted = info["_episode"]
-            if name == "time":  # of successes only
-                counted = counted & final.get("success", True)
+    for info in (info for info in infos if "episode" in info):
+        done = info["_episode"]  # [N] whose episode has ended
+        final = info["final_info"]  # in which Pendulum, for example, says nothing
+        final = {"return": info["episode"]["r"], "length": info["episode"]["l"], **final}
+        for name in ended.keys() & final.keys():  # "return": sum of rewards, not discounted
+            counted = done & final["success"] if name == "time" else done
             ended[name] += final[name][counted].tolist()
     return {name: float(np.mean(v)) if v else float("nan") for name, v in ended.items()}
 
@@ -404,112 +406,110 @@ def random_seed(*numbers):
 
 
 # ------------------------------------------------------------------------ files
-class PolicyError(ValueError):
-    """A file cannot be used; the message is one line that says why."""
+def fingerprint(world, observed):
+    """What a policy is trained in, plain values; observed: how many rows of the observation."""
+    settings = {
+        "walk": world.engine.parameters,
+        "step limit": world.limits,
+        "task": world.task,
+        "spread": world.spread,
+        "robot": world.engine.robot,
+    }
+    facts = {
+        "simulator": world.sim,
+        "observation": [row[0] for row in env.observation_table(imu=True)[:observed]],
+        **{name: asdict(value) for name, value in settings.items()},
+    }
+    return json.loads(json.dumps(facts))  # no types but those that every file knows
+
+
+def differences(stored, here):
+    """["name A, here B", …] of the entries that differ in two dicts, as far as both have them."""
+    found = []
+    for name in here.keys() & stored.keys():
+        there = stored[name]
+        if isinstance(there, dict):
+            found += [f"{name}: {entry}" for entry in differences(there, here[name])]
+        elif there != here[name]:
+            found.append(f"{name} {there}, here {here[name]}")
+    return sorted(found)
 
 
 def load_plain(path, *keys):
     """The dict with these keys in a file of ours; foreign code in the file is never run."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # torch's, about foreign formats
-            stored = torch.load(path, map_location="cpu", weights_only=True)
-    except FileNotFoundError:
-        raise PolicyError(f"{path}: no such file") from None
-    except Exception as error:  # torch raises many types, with messages of many lines
-        raise PolicyError(f"{path}: damaged, or not written by 04_ppo.py") from error
-    if not isinstance(stored, dict) or not stored.keys() >= set(keys):
-        raise PolicyError(f"{path}: not written by 04_ppo.py")
+        with zipfile.ZipFile(path) as file:
+            damaged = file.testzip()  # PyTorch does not look at the check sums
+        stored = torch.load(path, map_location="cpu", weights_only=True)
+        whole = not damaged and stored.keys() >= set(keys)
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}") from error
+    except Exception:  # torch raises many types, with messages of many lines
+        whole = False
+    if not whole:
+        raise InputError(f"{path}: damaged, or not written by 04_ppo.py")
     return stored
 
 
-def difference(stored, wanted):
-    """The first entry that differs: "name is A in the file, but B here"; or ""."""
-    for key in {**wanted, **stored}:
-        there = stored.get(key, "missing")
-        here = wanted.get(key, "missing")
-        if there != here:
-            if isinstance(there, dict) and isinstance(here, dict):
-                return f"{key}: {difference(there, here)}"
-            return f"{key} is {there} in the file, but {here} here"
-    return ""
-
-
-def save_policy(path, model, meta):
-    """Writes the model and `meta` (plain values)."""
-    stored = {**meta, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
+def save_plain(path, stored):
+    """Writes a dict of plain values and tensors."""
     robot_model.atomic_write(path, partial(torch.save, stored))
 
 
+def plain(model, about):
+    """What a policy's file holds: the model and `about` (plain values)."""
+    return {**about, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
+
+
 def load_policy(path):
-    """(model, meta); meta["fits"] says what the policy was trained for."""
-    meta = load_plain(path, "obs_dim", "act_dim", "hidden", "sharpness", "state_dict", "fits")
-    model = ActorCritic(meta["obs_dim"], meta["act_dim"], meta["hidden"])
-    model.load_state_dict(meta.pop("state_dict"))
-    model.sharpness = meta["sharpness"]
-    return model, meta
-
-
-def save_checkpoint(out, about, rows, model, optimizer):
-    """All that a resumed training needs, and the log so far as a table."""
-    stored = {
-        "about": about,
-        "rows": rows,
-        "model": model.state_dict(),
-        "optimizer": optimizer.state_dict(),
-    }
-    robot_model.atomic_write(out / "checkpoint.pt", partial(torch.save, stored))
-    table = [list(row.values()) for row in rows]
-    robot_model.atomic_write(
-        out / "learning_curve.csv",
-        lambda file: np.savetxt(file, table, "%.9g", ",", header=",".join(rows[0]), comments=""),
-    )
+    """(model, about); about["fits"] says what the policy was trained in."""
+    about = load_plain(path, "obs_dim", "act_dim", "hidden", "sharpness", "state_dict", "fits")
+    model = ActorCritic(about["obs_dim"], about["act_dim"], about["hidden"])
+    try:
+        model.load_state_dict(about.pop("state_dict"))
+    except (RuntimeError, TypeError) as error:
+        raise InputError(f"{path}: its networks are not those of stage 4") from error
+    model.sharpness = about["sharpness"]
+    return model, about
 
 
 def load_checkpoint(out, about, model, optimizer):
-    """Puts the networks and Adam's state back where a training stopped; returns its log."""
+    """Puts the networks and Adam's state back where a training stopped; its log and policies."""
     path = out / "checkpoint.pt"
-    stored = load_plain(path, "about", "rows", "model", "optimizer")
-    if mismatch := difference(stored["about"], about):
-        raise PolicyError(f"{path}: cannot resume: {mismatch}")
+    stored = load_plain(path, "about", "rows", "policies", "model", "optimizer")
+    if found := differences(stored["about"], about):
+        raise InputError(f"{path}: cannot resume: {found[0]}")
     model.load_state_dict(stored["model"])
     optimizer.load_state_dict(stored["optimizer"])
-    return stored["rows"]
+    return stored["rows"], stored["policies"]
 
 
 # ------------------------------------------------------------------------ the picture
 PANELS = {  # title and unit: columns
-    "success rises, falls sink [share of walks]": ("success", "timeout", "fall"),
-    "the way to the goal takes less time [s]": ("time",),
-    "the return, not discounted (first episodes: short)": ("return",),
-    "it explores less: entropy (may be < 0) [nats]": ("entropy",),
-    "updates move the policy less [share clipped]": ("clip_fraction",),
-    "the critic predicts: explained variance [1]": ("explained_variance",),
+    "how walks end [share of walks]": ("success", "timeout", "fall"),
+    "time to the goal [s]": ("time",),
+    "return, not discounted [1]": ("return",),
+    "entropy of the policy, may be < 0 [nats]": ("entropy",),
+    "samples outside of 1 ± ε [share]": ("clip_fraction",),
+    "explained variance of the critic [1]": ("explained_variance",),
 }
 
 
 def plot_learning_curve(rows, path, title):
     """Every panel of the log: a faint dot for each update, and a running mean of a twentieth."""
-    steps = np.array([row["steps"] for row in rows]) / 1000.0  # [U]
-    shown = {
-        name: [column for column in columns if not np.isnan([row[column] for row in rows]).all()]
-        for name, columns in PANELS.items()
-    }
-    shown = {name: columns for name, columns in shown.items() if columns}
-    figure, grid = plt.subplots(2, math.ceil(len(shown) / 2), figsize=(12, 6.5))
-    for axes, (name, columns) in zip(grid.flat, shown.items()):
-        for column in columns:
-            y = np.array([row[column] for row in rows])  # [U] nan where nothing was reported
-            x, y = steps[~np.isnan(y)], y[~np.isnan(y)]
-            width = max(1, len(y) // 20)
-            mean = np.convolve(y, np.full(width, 1 / width), "valid")
-            (line,) = axes.plot(x[width // 2 :][: len(mean)], mean, label=column)
-            axes.plot(x, y, ".", color=line.get_color(), alpha=0.2)
+    log = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [U] each
+    width = max(1, len(rows) // 20)
+    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5))
+    for axes, (name, columns) in zip(grid.flat, PANELS.items()):
+        for k, column in enumerate(columns):  # nan where nothing was reported
+            mean = np.convolve(log[column], np.full(width, 1 / width), "valid")
+            steps = log["steps"] / 1000
+            axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}", label=column)
+            axes.plot(steps, log[column], f"C{k}.", alpha=0.2)
         axes.set(title=name, xlabel="steps of all robots [thousands]")
-        if len(columns) > 1:
-            axes.legend()
+        axes.legend()
+        axes.set_visible(np.isfinite(log[column]).any())
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    for axes in grid.flat[len(shown) :]:
-        axes.remove()
     figure.suptitle(title)
     robot_model.save_figure(figure, path)
 
@@ -521,63 +521,65 @@ def gym_envs(env_id, num_envs):
     def rescaled(one):
         box = one.action_space
         if not isinstance(box, gym.spaces.Box) or not box.is_bounded() or len(box.shape) != 1:
-            raise gym.error.Error(f"{env_id}: this PPO needs actions in a Box [n], with bounds")
+            raise gym.error.Error("this PPO needs actions in a bounded Box [n]: try Pendulum-v1")
         return gym.wrappers.RescaleAction(one, *np.float32([0, 1]))
 
-    return gym.make_vec(
-        env_id,
-        num_envs,
-        "sync",
-        {"autoreset_mode": "SameStep"},
-        (rescaled, gym.wrappers.FlattenObservation),
-    )
+    try:
+        return gym.make_vec(
+            env_id,
+            num_envs,
+            "sync",
+            {"autoreset_mode": "SameStep"},
+            (rescaled, gym.wrappers.FlattenObservation),
+        )
+    except gym.error.Error as error:
+        raise InputError(f"{env_id}: {error}") from error
 
 
 def main(argv=None):
-    parser = robot_model.StageParser(__doc__)
-    parser.add_argument("--imu", action="store_true", help="observe the torso's tilt and turning")
-    parser.add_argument("--noise", action=argparse.BooleanOptionalAction, default=True)
-    parser.add_argument("--steps", type=robot_model.whole, help=f"double steps (default {STEPS:,})")
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK_STEPS:,} steps")
-    parser.add_argument("--resume", action="store_true", help="continue an interrupted training")
-    parser.add_argument("--env", metavar="ID", help="train on this Gymnasium environment instead")
-    parser.add_argument("--gamma", type=float, help="discount per step instead of PPOConfig's")
-    args = parser.parse(argv)
+    parser = robot_model.stage_parser(__doc__)
+    add = parser.add_argument
+    add("--imu", action="store_true", help="observe the torso's tilt and turning")
+    add("--noise", action=argparse.BooleanOptionalAction, default=True)
+    add("--steps", type=int, help=f"double steps (default {STEPS:,})")
+    add("--quick", action="store_true", help=f"{QUICK_STEPS:,} steps")
+    add("--resume", action="store_true", help="continue a stopped training")
+    add("--env", metavar="ID", help="train on this Gymnasium environment instead")
+    add("--gamma", type=float, help="discount per step instead of PPOConfig's")
+    args = parser.parse_args(argv)
+    if args.env and (args.sim == "mujoco" or args.imu):
+        parser.error("--env cannot be combined with --mujoco or --imu")
     steps = QUICK_STEPS if args.quick else STEPS
     if args.steps is not None:
         steps = args.steps
-    if args.env and (args.sim == "mujoco" or args.imu or args.resume):
-        parser.error("--env cannot be combined with --mujoco, --imu or --resume")
+    cfg = GYM_CONFIG if args.env else PPOConfig()
+    if args.gamma is not None:
+        cfg = replace(cfg, gamma=args.gamma)
+    if steps < 1 or not 0 <= cfg.gamma <= 1:
+        parser.error("--steps from 1 on, --gamma from 0 to 1")
     task = args.env or args.sim
     if args.env:
-        cfg = GYM_CONFIG
-        fits = {"simulator": task}
         make_envs = partial(gym_envs, task)
     else:
-        cfg = PPOConfig()
-        fits = env.fingerprint(args.sim, args.imu)
         make_envs = partial(
             env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu, staggered=True
         )
-    if args.gamma is not None:
-        cfg = replace(cfg, gamma=args.gamma)
     variants = ["imu"] * args.imu + ["quick"] * args.quick
-    folder = task.replace("/", "-").replace(":", "-")
-    out = parser.folder(args, Path("runs", folder, *variants))
-    print(f"training on {task}: {steps:,} steps, seed {args.seed}, into {out}")
-    about = {"fits": fits, "imu": args.imu, "noise": args.noise}
+    out = robot_model.output_folder(args, task.replace("/", "-").replace(":", "-"), *variants)
+    print(f"training on {task}: {steps:,} steps or a few more, seed {args.seed}, into {out}")
+    about = {"fits": {"simulator": task}, "imu": args.imu, "noise": args.noise}
     try:
-        _, rows = train(cfg, make_envs, out, steps, args.seed, about, args.resume)
-    except (PolicyError, FloatingPointError, ImportError, gym.error.Error) as error:
-        parser.error(str(error))
+        _, rows = train(cfg, make_envs, out, steps, args.seed, args.resume, **about)
+    except (KeyboardInterrupt, BrokenProcessPool) as error:
+        raise InputError(
+            f"{str(error) or 'interrupted'}; --resume continues after the last update"
+        ) from None
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
-    if (out / "policy.previous.pt").exists():
-        print(f"the policy that was in {out} before: policy.previous.pt")
     if not args.env:
         flag = " --mujoco" * (args.sim == "mujoco")
         print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
 
 
 if __name__ == "__main__":
-    robot_model.run(main)
+    robot_model.start(main)

@@ -5,8 +5,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
-    python 05_evaluate.py --gif            also two films: a race against baseline_tuned, and
-                                           the policy before, during and after training
+    python 05_evaluate.py --gif            also a film: a race against baseline_tuned
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
@@ -14,32 +13,36 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
-`results/<sim>/`; `--policy` names another file (or several). It prints the table and writes it with
-evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`; lines of trials.csv given back with
---goals repeat those very trials. Predict: the paper's policy needs half the baseline's time, and
-falls about twice as often. Does this one?
+`results/<sim>/`; `--policy` names another file (or several). A policy that was trained with another
+walk, task or robot than those of the stages walks, too, and a note says what differs. It prints the
+table and writes it with evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Predict: the
+paper's policy needs half the baseline's time, and falls about twice as often. Does this one?
 
-A planner is a class with `reset(num_robots)`, called before the trials, and `act(view, robots,
-measured)`, which returns actions [n, 6] in [0, 1] for the goals [n, 3] as n robots know them: x, y
-[m], yaw [rad], with noise estimated from all measurements so far (stage 3). It may use nothing else
-except the `View` of stage 3; `tests/studies/search.py` is a worked example. All planners meet the
-same goals, ground, bodies and pushes, and at their k-th decision the same noise, so a difference
-between two rows is due to the planners. The intervals show how far the rate in 500 trials may be
-from that in infinitely many. `baseline` is as in the paper, `baseline_tuned` has settings optimised
-for this world.
+A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
+returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3] is
+the goal as they know it, x, y [m], yaw [rad], with noise estimated from all measurements so far
+(stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All planners
+meet the same goals, ground, bodies and pushes, and at their k-th decision the same noise (common
+random numbers), so a difference between two rows is due to the planners. The intervals show how far
+the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
+`baseline_tuned` has settings optimised for this world.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
 """
 
+import csv
+import inspect
+import io
 import itertools
 import json
 import math
+import platform
 import runpy
 import sys
-import warnings
+from contextlib import closing
 from dataclasses import dataclass, replace
-from importlib import import_module
+from importlib import import_module, metadata
 from pathlib import Path
 from time import monotonic
 
@@ -65,7 +68,7 @@ FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw 
 
 # ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
-class BaselineSettings:
+class BaselineSettings(robot_model.Checked):
     """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
 
     forward: float = 0.12  # [m/s] speed limit
@@ -79,7 +82,7 @@ class BaselineSettings:
     share: bool = False  # do both feet share sideways ways and turns? Ours
 
 
-TUNED = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
+TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
     "pymunk": BaselineSettings(
         forward=0.5232,
         backward=0.5136,
@@ -154,13 +157,13 @@ class BaselinePlanner:
     def reset(self, num_robots):
         self.velocity = np.full((num_robots, 3), np.nan)  # filtered: v_x, v_y [m/s], ω [rad/s]
 
-    def act(self, view, robots, measured):
+    def act(self, view):
         """Actions [n, 6], clipped to the same step limits as the policy's."""
-        command = velocity_command(measured, self.settings)
-        last = self.velocity[robots]
+        command = velocity_command(view.goal, self.settings)
+        last = self.velocity[view.robots]
         last = np.where(np.isnan(last), command, last)  # the first command is not filtered
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
-        self.velocity[robots] = velocity
+        self.velocity[view.robots] = velocity
         lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
             span = np.subtract(view.limits.high, view.limits.low)  # [3]
@@ -171,14 +174,15 @@ class BaselinePlanner:
 class PolicyPlanner:
     """The trained policy without exploring: `ActorCritic.decide` of stage 4."""
 
-    def __init__(self, model, imu=False):
+    def __init__(self, model, file="a policy"):
         self.model = model
-        self.columns = len(env.observation_table(imu))  # the rows of the IMU are the last ones
+        self.file = file  # named if its actions are no numbers
+        self.columns = model.shape["obs_dim"]  # the rows of the IMU are the last ones
 
     def reset(self, num_robots):
         """Nothing to reset: the two previous actions are part of the observation."""
 
-    def act(self, view, robots, measured):
+    def act(self, view):
         return self.model.decide(view.observation[:, : self.columns])
 
 
@@ -188,37 +192,17 @@ class Trials:
     """Where n robots shall go, and what decides about their ground, body and noise."""
 
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
-    seed: np.ndarray  # [n] of the random stream
-    number: np.ndarray  # [n] of the trial in it; seed and number fix ground, body and noise
-    friction: np.ndarray  # [n] μ of the ground; nan: as drawn
+    seed: int  # of the random stream; trial i is number i in it
     purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
 
 
-def draw_trials(seed, count, far=False, friction=np.nan, purpose="evaluation"):
+def draw_trials(seed, count, far=False, purpose="evaluation"):
     """The trials 0, 1, …; a far trial is a near one with its goal twice as far."""
     goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
-    return Trials(goals, np.full(count, seed), np.arange(count), np.full(count, friction), purpose)
+    return Trials(goals, seed, purpose)
 
 
-def least_time(goals, world):
-    """The kinematic optimum [n] [s]: no plan within the step limits gets to goals [n, 3] sooner.
-
-    Double steps are whole. So many are needed for the way, so many for the turn, each to the edge
-    of the tolerance; the larger number counts. Straight ahead is not the fastest walk: a foot lands
-    x ahead of the standing one, w to its side, and turned out by ω. With the toes ω/2 to either
-    side of the way, not only x leads ahead, but w, too. (This is about plans. A slip may add to
-    them. A robot that walks like this falls in its second double step, in both simulators.)
-    """
-    x, w, turn = world.limits.high + world.engine.beside[0]  # [m], [m], [rad] ω
-    # In a double step:  way ≤ 2·(x·cos(ω/2) + w·sin(ω/2)),  turn ≤ ω outward + ω inward
-    longest = 2 * robot_model.turned([x, w], -turn / 2)[0]
-    d, alpha, _ = env.polar(goals)
-    ways = (d - world.task.success_m) / longest
-    turns = (np.abs(alpha) - world.task.success_rad) / (turn - world.limits.low[2])
-    return world.engine.period * np.ceil(np.maximum(ways, turns).clip(1))
-
-
-def evaluate(planner, world, trials, noise=False, watch=None):
+def evaluate(planner, world, trials, watch=None):
     """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
 
     watch(robots, motion) is called after every double step. Returns arrays [n]:
@@ -229,14 +213,12 @@ def evaluate(planner, world, trials, noise=False, watch=None):
         still_there   a success, and at the goal after two more double steps in place
         reached_once  at the goal at least once (all that the paper asks for)
         time_once     [s] to that moment
-        least         [s] that any planner needs, see `least_time`
     """
     n = len(trials.goals)
     everybody = np.arange(n)
-    world.noise = noise  # the world keeps this setting
     # One generator per trial: what it draws depends neither on the planner nor on other trials.
-    rngs = [env.stream(trials.purpose, *key) for key in zip(trials.seed, trials.number)]
-    world.reset(everybody, rngs, trials.goals, trials.friction)
+    rngs = [env.stream(trials.purpose, trials.seed, i) for i in range(n)]
+    world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
     time, time_once = np.zeros((2, n))  # time_once 0: not yet
@@ -267,35 +249,36 @@ def evaluate(planner, world, trials, noise=False, watch=None):
         "still_there": still_there,
         "reached_once": time_once > 0,
         "time_once": time_once,
-        "least": least_time(trials.goals, world),
     }
 
 
-def double_step(planner, world, robots):
-    """Measure, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
-    file, if its actions are not [n, 6] in [0, 1].
+def double_step(planner, world, robots, disturb=None):
+    """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's file,
+    if its actions are not [n, 6] in [0, 1].
     """
-    measured = world.measure(robots)  # [n, 3] one measurement per decision
-    actions = planner.act(world.view(robots, measured), robots.copy(), measured)
-    name = f"{type(planner).__module__}: actions"
+    name = f"{getattr(planner, 'file', type(planner).__module__)}: actions"
+    try:
+        actions = planner.act(world.look(robots))
+    except SystemExit as error:
+        raise RuntimeError(f"{name} by a call of exit: return them") from error
     actions = env.checked(name, actions, len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1")
-    return world.step(actions, robots)
+    return world.step(actions, robots, disturb)
 
 
-def foot_poses(torso, joints):
+def foot_poses(robot, torso, joints):
     """Where the measured feet are at the end of double steps, x, y [m], yaw [rad]:
     torso [K, T, 6], joints [K, T, 12] -> [K, 2, 3].
     """
-    points, turn = robot_model.body_points(ROBOT, torso[:, -1], joints[:, -1])
+    points, turn = robot_model.body_points(robot, torso[:, -1], joints[:, -1])
     yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
     return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
 
 
 def record(planner, world, trials):
-    """Walk without noise and yield what physics did, a dict per trial: torso [T, 6] and joints
-    [T, 12] at all T ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
+    """Walk and yield what physics did, a dict per trial: torso [T, 6] and joints [T, 12] at all T
+    ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
     """
     seen = []
     ended = evaluate(planner, world, trials, watch=lambda *step: seen.append(step))
@@ -306,7 +289,7 @@ def record(planner, world, trials):
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
             "friction": ended["friction"][i],
-            "feet": foot_poses(torso, joints),
+            "feet": foot_poses(world.engine.robot, torso, joints),
             "torso": np.concatenate(torso),
             "joints": np.concatenate(joints),
         }
@@ -322,37 +305,42 @@ def wilson(count, total, z=1.96):
     return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
 
 
-def time_ratio(trials, reference, resamples=2000):
+def bootstrap(statistic, *samples, resamples=2000):
+    """95 % interval of a statistic of samples [n], by drawing as many again, with replacement. (This
+    is resampling, not stage 4's bootstrapping.) Samples of the same walks are drawn together.
+
+    statistic: samples [resamples, n] -> [resamples].
+    """
+    count = len(samples[0])
+    pick = np.random.default_rng(0).integers(count, size=(resamples, count))  # [resamples, n]
+    return np.percentile(statistic(*(sample[pick] for sample in samples)), [2.5, 97.5])
+
+
+def time_ratio(trials, reference):
     """How the times of two planners compare over the goals that both reached, a dict:
 
     goals                         how many these are; without one the dict is empty
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
     median                        of the ratios goal by goal
     slower                        share of the goals that took longer than the reference
-    over_optimum                  mean time / mean of the least time to these goals, which the
-                                  step limits allow (`least` in the trials, see `evaluate`)
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
         return {}
     ours, theirs = trials["time"][both], reference["time"][both]
-    # Paired bootstrap (resampling, not stage 4's bootstrapping): draw as many goals again, with
-    # replacement. In pairs, because both planners need long for a far goal: this cancels in the
-    # ratio.  pick [resamples, goals]
-    pick = np.random.default_rng(0).integers(len(ours), size=(resamples, len(ours)))
-    ratios = ours[pick].mean(1) / theirs[pick].mean(1)  # [resamples]
+
     return {
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
-        "time_ratio_ci95": np.percentile(ratios, [2.5, 97.5]),
+        # In pairs, because both planners need long for a far goal: this cancels in the ratio.
+        "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)],
         "median": np.median(ours / theirs),
         "slower": np.mean(ours > theirs),
-        "over_optimum": ours.mean() / trials["least"][both].mean(),
     }
 
 
 # ------------------------------------------------------------------------ pictures
-def draw_way(axes, goal, feet, view):
+def draw_way(axes, goal, feet, camera):
     """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
 
     The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw.
@@ -367,8 +355,8 @@ def draw_way(axes, goal, feet, view):
             sole = np.column_stack([x, y + outward * ROBOT.foot_outward])  # [4, 2] [m]
             shapes.append((pose, sole, color, 0.35))
     for pose, outline, color, alpha in shapes:
-        places = pose[:2] + robot_model.turned(outline, pose[2])
-        axes.fill(*(view[1:, :2] @ places.T), color=color, alpha=alpha, lw=0, zorder=0.5)
+        points = pose[:2] + robot_model.turned(outline, pose[2])
+        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
 
 def plot_footsteps(columns, path):
@@ -377,7 +365,7 @@ def plot_footsteps(columns, path):
     for panel, (name, walks) in zip(axes, columns.items()):
         title = name
         for number, walk in enumerate(walks, 1):
-            draw_way(panel, walk["goal"], walk["feet"], robot_model.camera(-90, 90))
+            draw_way(panel, walk["goal"], walk["feet"], robot_model.camera_at(-90, 90))
             panel.plot(*walk["torso"][:, :2].T, "k", lw=1)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
@@ -397,11 +385,11 @@ def plot_footsteps(columns, path):
 
 def draw_scene(axes, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
-    view = robot_model.camera()
+    camera = robot_model.camera_at()
     axes.clear()
-    robot_model.draw_ground(axes, view)
-    draw_way(axes, goal, feet, view)
-    robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], view)
+    robot_model.draw_ground(axes, camera)
+    draw_way(axes, goal, feet, camera)
+    robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], camera)
     axes.set_title(title)
 
 
@@ -410,7 +398,7 @@ def plot_race(walks, path, every=10):
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1200) - 1
     figure, axes = plt.subplots(1, len(walks), figsize=(4.2 * len(walks), 4))
     ways = np.concatenate([walk["torso"][:last, :2] for walk in walks.values()])
-    ways = ways @ robot_model.camera()[1:, :2].T  # in the picture
+    ways = ways @ robot_model.camera_at()[1:, :2].T  # in the picture
     # A margin [m] for the robot, which is 0.8 m tall
     xlim, ylim = zip(ways.min(0) - [0.3, 0.2], ways.max(0) + [0.4, 0.9])
 
@@ -454,12 +442,13 @@ def open_window():
         # matplotlib's own keys would move the picture
         figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
         return figure, axes
-    raise ppo.PolicyError("--play needs a display, and Tk or Qt (python -m pip install pyqt6)")
+    raise robot_model.InputError("--play needs a display, and Tk or Qt (pip install pyqt6)")
 
 
-def play(world, planners, friction):
+def play(world, planners, speed):
     """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
-    After a fall it stands up again at the origin. Planners by name; p takes the next one.
+    After a fall it stands up again at the origin. Planners by name; p takes the next one, space is
+    a push at this speed [m/s].
     """
     figure, axes = open_window()
     figure.supxlabel(
@@ -467,57 +456,64 @@ def play(world, planners, friction):
     )
     robots, engine = np.array([0]), world.engine
     keys = ["p"]  # that were pressed; the first p takes the first planner
-    goal = world.goal[0]  # [3] x, y [m], yaw [rad]; a view: writing to it changes the world's goal
+    goal = np.zeros(3)  # x, y [m], yaw [rad]
+    camera = robot_model.camera_at()
 
-    def place(event):
+    def position(event):
         """Where the mouse is on the ground, [2] [m]."""
-        return np.linalg.solve(robot_model.camera()[1:, :2], [event.xdata, event.ydata])
+        return np.linalg.solve(camera[1:, :2], [event.xdata, event.ydata])
 
     def press(event):
-        nonlocal begun, arrived
+        nonlocal clock, arrived
         if event.inaxes:
-            goal[:] = *place(event), world.pose[0, 2]
-            world.variance[:] = 1e12  # what was known of the old goal does not help
-            begun, arrived = world.steps[0], False
+            goal[:] = *position(event), world.pose[0, 2]
+            world.set_goal(robots, goal)
+            clock, arrived = 0, False
 
     def release(event):
         if event.inaxes:
-            x, y = place(event) - goal[:2]
+            x, y = position(event) - goal[:2]
             if x or y:  # it was dragged
                 goal[2] = math.atan2(y, x)
+                world.set_goal(robots, goal)
+
+    def disturb(plan, robots):
+        if " " in keys:
+            force = env.walk_engine.push_force(engine.robot, speed)
+            angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
+            plan.push[0, : env.walk_engine.PUSH_TICKS] = robot_model.turned([force, 0], angle)
+        if not reflex:
+            plan.reflex_gain[:] = 0
 
     connect = figure.canvas.mpl_connect
     connect("button_press_event", press)
     connect("button_release_event", release)
     connect("key_press_event", lambda event: keys.append(event.key))
     names = itertools.cycle(planners)
-    gain, fell, due = engine.parameters.reflex, True, 0.0  # due [s]: the next picture
+    reflex, fell, due = True, True, 0.0  # due [s]: the next picture
     while plt.fignum_exists(figure.number):
         if fell:
-            world.reset(robots, goals=world.goal, friction=friction)
-            # begun: how many double steps had been taken when the goal was set
-            feet, begun, arrived = np.zeros((0, 2, 3)), 0, False
+            world.reset(robots, goals=goal[None])
+            feet = np.zeros((0, 2, 3))
+            clock, arrived = 0, False  # [double steps] since the goal was set
         if "p" in keys:
             name = next(names)
         if fell or "p" in keys:
             planners[name].reset(1)
-        world.push_chance = " " in keys  # in this double step
-        if "r" in keys:
-            engine.parameters = replace(engine.parameters, reflex=gain - engine.parameters.reflex)
+        reflex ^= "r" in keys  # switched on or off
+        result = double_step(planners[name], world, robots, disturb)
         keys.clear()
-        result = double_step(planners[name], world, robots)
         motion, fell = result["motion"], result["fall"][0]
-        if not arrived:  # then the clock stops
-            seconds = result["time"][0] - begun * engine.period
-            arrived = result["success"][0]
-        reflex = "on" if engine.parameters.reflex else "off"
-        title = f"{name}, reflex {reflex}: {'arrived after ' if arrived else ''}{seconds:.1f} s"
+        clock += not arrived  # then it stops
+        arrived |= result["success"][0]
+        seconds = (clock - arrived) * engine.period  # to the first of two inside
+        title = f"{name}, reflex {'on' if reflex else 'off'}: {'arrived after ' * int(arrived)}{seconds:.1f} s"
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
             draw_scene(axes, goal, feet[-20:], torso, joints, title)
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(max(0.001, due - monotonic()))
             due = monotonic() + 10 * ROBOT.control_dt
-        feet = np.concatenate([feet, foot_poses(motion.torso, motion.joints)])
+        feet = np.concatenate([feet, foot_poses(engine.robot, motion.torso, motion.joints)])
 
 
 # ------------------------------------------------------------------------ tables
@@ -525,20 +521,19 @@ def play(world, planners, friction):
 def compare(results):
     """Time ratios of every pair of planners; trials by (planner, noise, σ of the goals)."""
     ratios = []
-    for one, other in itertools.permutations(results, 2):
+    for one, other in itertools.combinations(results, 2):
         if one[1:] == other[1:] and (ratio := time_ratio(results[one], results[other])):
-            row = dict(zip(("planner", "noise", "goal_std_m"), one)) | {"reference": other[0]}
-            ratios.append(row | {name: np.round(x, 4).tolist() for name, x in ratio.items()})
+            row = dict(zip(("planner", "noise", "goal_std_m"), one))
+            ratios.append({**row, "reference": other[0], **ratio})
     return ratios
-
-
-def rounded(number, values, digits=4):
-    """number(values), their mean for example; None: there was nothing to measure."""
-    return round(float(number(values)), digits) if len(values) else None
 
 
 def summary(planner, noise, std, trials, task):
     """One row of the table; std: σ of the goals' x and y [m], None for goals of one's own."""
+
+    def known(statistic, values):  # None: there was nothing to measure
+        return float(statistic(values)) if len(values) else None
+
     shares = {name: trials["outcome"] == name for name in OUTCOMES}
     reached, once = shares["success"], trials["reached_once"]
     shares |= {
@@ -550,70 +545,74 @@ def summary(planner, noise, std, trials, task):
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(reached)}
     if noise:
         row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
-    row |= {name: rounded(np.mean, share) for name, share in shares.items()}
+    row |= {name: known(np.mean, share) for name, share in shares.items()}
+    row["falls"] = int(shares["fall"].sum())
     for name in OUTCOMES:
-        row[f"{name}_ci95"] = np.round(wilson(shares[name].sum(), len(reached)), 4).tolist()
+        row[f"{name}_ci95"] = wilson(int(shares[name].sum()), len(reached))
     for name, who in (("time", reached), ("time_once", once)):
-        row[f"{name}_mean"] = rounded(np.mean, trials[name][who], 3)  # [s]
-        row[f"{name}_std"] = rounded(np.std, trials[name][who], 3)
+        row[f"{name}_mean"] = known(np.mean, trials[name][who])  # [s]
+        row[f"{name}_std"] = known(np.std, trials[name][who])
     return row
 
 
-def mean_and_std(row, name):
-    """Seconds of a row as a text."""
-    mean = row[f"{name}_mean"]  # None: nobody arrived
-    return "none" if mean is None else f"{mean:.2f} ± {row[f'{name}_std']:.2f}"
+def markdown(head, rows):
+    """A table in Markdown with aligned columns; a line is a text like "cell | cell"."""
+    cells = [line.split(" | ") for line in (head, *rows)]
+    cells.insert(1, ["---"] * len(cells[0]))
+    widths = [max(map(len, column)) for column in zip(*cells)]
+    return "".join(f"| {' | '.join(map(str.ljust, line, widths))} |\n" for line in cells)
+
+
+def number(value, form):
+    """A number as a text; None: there was nothing to measure."""
+    return "none" if value is None else format(value, form)
 
 
 def table(rows, ratios):
-    """Markdown: our rows; by the paper's rule, with the paper's own; the policy's ratios."""
-    ours = (
-        "| goals σ | noise | planner | success [95 % interval] | timeout | fall "
-        "| success time [s] | still there |\n"
-        "| --- | --- | --- | --- | --- | --- | --- | --- |\n"
-    )
-    once = quotients = ""
+    """Markdown: our rows; by the paper's rule, with the paper's own; how planners compare."""
+    ours, once, pairs = [], [], []
     for row in rows:
         which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
         low, high = row["success_ci95"]
-        time = mean_and_std(row, "time")
-        still = "none" if row["still_there"] is None else f"{row['still_there']:.3f}"
-        ours += (
-            f"| {goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
-            f"| {row['timeout']:.3f} | {row['fall']:.3f} | {time} | {still} |\n"
+        times = {
+            name: f"{number(row[f'{name}_mean'], '.2f')} ± {number(row[f'{name}_std'], '.2f')}"
+            for name in ("time", "time_once")
+        }
+        ours.append(
+            f"{goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
+            f"| {row['timeout']:.3f} | {row['fall']:.3f} | {times['time']} "
+            f"| {number(row['still_there'], '.3f')}"
         )
         known = PAPER.get((row["planner"], row["noise"]))
         if known and row["goal_std_m"] == env.Task.goal_std_m:
-            time = mean_and_std(row, "time_once")
-            once += (
-                f"| {which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
-                f"| {row['fall_once']:.3f} | {time} |\n"
-                f"| {which} | paper | {known} |\n"
+            once.append(
+                f"{which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
+                f"| {row['fall_once']:.3f} | {times['time_once']}"
             )
+            once.append(f"{which} | paper | {known}")
     for row in ratios:
-        if row["planner"] == "policy":
-            low, high = row["time_ratio_ci95"]
-            quotients += (
-                f"| {goals_of(row)} | {'yes' if row['noise'] else 'no'} "
-                f"| {row['reference']} "
-                f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
-                f"| {row['median']:.3f} | {row['slower']:.3f} "
-                f"| {row['over_optimum']:.2f} | {row['goals']} |\n"
-            )
+        low, high = row["time_ratio_ci95"]
+        pairs.append(
+            f"{goals_of(row)} | {'yes' if row['noise'] else 'no'} | {row['planner']} "
+            f"| {row['reference']} | {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
+            f"| {row['median']:.3f} | {row['slower']:.3f} | {row['goals']}"
+        )
+    text = markdown(
+        "goals σ | noise | planner | success [95 % interval] | timeout | fall "
+        "| success time [s] | still there",
+        ours,
+    )
     if once:
-        ours += (
-            "\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n"
-            "\n| noise | planner | source | success | timeout | fall | time [s] |\n"
-            "| --- | --- | --- | --- | --- | --- | --- |\n" + once
+        text += (
+            "\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
         )
-    if quotients:
-        ours += (
-            "\nMean success time of policy ÷ that of another planner, over goals both reached,"
-            "\nand ÷ the least time that the step limits allow:\n\n"
-            "| goals σ | noise | other | ratio | median | slower | ÷ least | common goals |\n"
-            "| --- | --- | --- | --- | --- | --- | --- | --- |\n" + quotients
+        text += markdown("noise | planner | source | success | timeout | fall | time [s]", once)
+    if pairs:
+        text += "\nMean success time of a planner ÷ that of another, over goals both reached:\n\n"
+        text += markdown(
+            "goals σ | noise | planner | other | ratio | median | slower | common goals", pairs
         )
-    return ours
+    return text
 
 
 def goals_of(row):
@@ -625,184 +624,149 @@ def goals_of(row):
 MOST = 10**4  # [trials] in a block: they take 5 GB of memory
 
 
-def read_trials(path, seed, friction):
-    """The Trials of a CSV file with columns x, y [m], yaw [rad]: line i is trial i of this seed.
-
-    Columns seed, trial and mu (μ), as in trials.csv, name the trials themselves, each taken once.
-    `friction`, unless nan, replaces mu.
-    """
+def read_goals(path):
+    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad]."""
     try:
-        with warnings.catch_warnings(action="ignore"):  # about an empty file: refused below
-            rows = np.genfromtxt(
-                path,
-                delimiter=",",
-                names=True,
-                case_sensitive="lower",
-                encoding="utf-8-sig",
-                ndmin=1,
-            )
-        keys = []
-        for number, row in enumerate(rows):
-            known = {"seed": seed, "trial": number, "mu": math.nan}
-            known |= zip(rows.dtype.names, row)
-            keys.append(tuple(known[name] for name in ("x", "y", "yaw", "seed", "trial", "mu")))
-        keys = np.array([*dict.fromkeys(keys)])  # [n, 6] each once, in their order
-        if (
-            not 0 < len(keys) <= MOST
-            or not np.isfinite(keys[:, :5]).all()
-            or (keys[:, 3:] < 0).any()
-        ):
-            raise ValueError(f"from 1 to {MOST} lines; seed, trial and mu not below 0")
-    except (OSError, ValueError, LookupError) as error:
-        raise ppo.PolicyError(
+        with open(path, encoding="utf-8-sig", newline="") as file:
+            # A line with too many cells gets a list for x, which is no number.
+            rows = [*csv.DictReader(file, restkey="x")]
+        goals = np.array([[row[name] for name in ("x", "y", "yaw")] for row in rows], float)
+        if not 0 < len(goals) <= MOST or not (np.abs(goals) < 1000).all():
+            raise ValueError(f"from 1 to {MOST} lines of numbers below 1000")
+    except (OSError, ValueError, TypeError, LookupError, csv.Error) as error:
+        raise robot_model.InputError(
             f"{path}: needs columns x, y, yaw and finite numbers below them ({error})"
         ) from error
-    x, y, yaw, seed, trial, mu = keys.T
-    goals = np.column_stack([x, y, env.wrap(yaw)])
-    mu = np.where(np.isnan(friction), mu, friction)
-    return Trials(goals, seed.astype(int), trial.astype(int), mu)
+    goals[:, 2] = env.wrap(goals[:, 2])
+    return goals
 
 
 def write_trials(path, blocks, results):
     """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
-    lines = [
+    head = (
         "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
         "reached_once,time_once"
-    ]
+    )
+    lines = [head.split(",")]
     for (planner, noise, std), ended in results.items():
         trials = blocks[std]
+        stayed, once = np.where([ended["still_there"], ended["reached_once"]], "yes", "no")
         columns = [
-            trials.seed,
-            trials.number,
+            range(len(trials.goals)),
             *trials.goals.T,
             ended["friction"],
             ended["outcome"],
             ended["time"].round(2),
             ended["steps"],
-            words(ended["still_there"]),
-            words(ended["reached_once"]),
+            stayed,
+            once,
             ended["time_once"].round(2),
         ]
-        lines += [
-            ",".join(map(str, [planner, words(noise), std or "", *cells]))
-            for cells in zip(*columns)
-        ]
-    write_text(path, "\n".join(lines) + "\n")
+        first = planner, "yes" if noise else "no", std or "", trials.seed
+        lines += [[*first, *cells] for cells in zip(*columns)]
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows(lines)
+    write_text(path, text.getvalue())
 
 
-def words(truth):
-    """yes or no, for a bool or many."""
-    return np.where(truth, "yes", "no")
-
-
-def load_policy(path, sim):
-    """The planner of a policy.pt, and what evaluation.json says of it; or a PolicyError."""
-    model, meta = ppo.load_policy(path)
-    imu = meta.get("imu")
-    if mismatch := ppo.difference(meta["fits"], env.fingerprint(sim, imu)):
-        flag = "; try with" if sim == "pymunk" else "; try without"
-        hint = f"{flag} --mujoco" if mismatch.startswith("simulator") else ""
-        raise ppo.PolicyError(f"{path}: made for another robot, walk or task: {mismatch}{hint}")
-    facts = {key: meta.get(key) for key in ("imu", "steps", "minutes", "seed")}
-    return PolicyPlanner(model, imu), {"file": path.as_posix(), **facts}
+def load_policy(path, world):
+    """The planner of a policy.pt, and what evaluation.json says of it. An InputError if it cannot
+    work in this world; what else differs from its training is printed.
+    """
+    model, about = ppo.load_policy(path)
+    fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
+    if fits.get("simulator") != world.sim:
+        raise robot_model.InputError(
+            f"{path}: trained in {fits.get('simulator')}, but this is {world.sim} (see --mujoco)"
+        )
+    if fits["observation"] != here["observation"]:
+        raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
+    for kind in ("walk", "step limit", "task", "spread", "robot"):
+        if found := ppo.differences(fits.get(kind, {}), here[kind]):
+            print(f"note: {path.as_posix()} was trained with another {kind}: {'; '.join(found)}")
+    facts = {key: about.get(key) for key in ("imu", "steps", "minutes", "seed")}
+    return PolicyPlanner(model, path), {"file": path.as_posix(), **facts}
 
 
 def load_planner(path):
     """The planner in a file of your own. Errors in it show their own traceback."""
-    if not path.is_file():
-        raise ppo.PolicyError(f"{path}: no such file")
-    sys.path.insert(0, str(path.resolve().parent))  # it may import what lies beside it
-    names = runpy.run_path(str(path), run_name=path.as_posix())
+    if path.suffix != ".py" or not path.is_file():
+        raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
+    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
+    try:
+        names = runpy.run_path(str(path), run_name=path.as_posix())
+    except SystemExit as error:
+        raise robot_model.InputError(f"{path}: ends Python when it is read") from error
     if "Planner" not in names:
-        raise ppo.PolicyError(f"{path}: defines no class Planner")
-    return names["Planner"]()
+        raise robot_model.InputError(f"{path}: defines no class Planner")
+    planner = names["Planner"]()
+    if len(inspect.signature(planner.act).parameters) != 1:
+        raise robot_model.InputError(
+            f"{path}: act takes one argument, view; view.robots and view.goal are in it"
+        )
+    return planner
 
 
-def find(sim):
+def default_policy(sim):
     """runs/<sim>/policy.pt if you made one, else the shipped results/<sim>/policy.pt."""
     for folder in ("runs", "results"):
         path = Path(folder, sim, "policy.pt")
         if path.is_file():
             return path
-    raise ppo.PolicyError(
+    raise robot_model.InputError(
         f"{path}: no such file; run stage 5 where the stages are, or name one by --policy"
     )
 
 
-def choose_planners(sim, policies=(), planners=()):
-    """Planners by row name, and the facts of the first policy; files of policies and planners.
+def choose_planners(world, policies=(), planners=()):
+    """Planners by row name, the facts of the first policy, and the name of the planner to be shown;
+    files of policies and planners.
 
     The first policy is called `policy`, all others like their file, with its folder if need be.
     """
-    baselines = {"baseline_tuned": BaselinePlanner(TUNED[sim]), "baseline": BaselinePlanner()}
-    chosen = {}
-    facts = None
-    for path in (*(policies or [find(sim)]), *planners):
+    baselines = {
+        "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
+        "baseline": BaselinePlanner(),
+    }
+    chosen, facts, shown = {}, None, "policy"
+    for path in (*(policies or [default_policy(world.sim)]), *planners):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
             name = f"{path.resolve().parent.name}/{name}"
         if name in chosen:
-            raise ppo.PolicyError(f"{path}: two planners are called {name}")
+            raise robot_model.InputError(f"{path}: two planners are called {name}")
         if path in planners:
             chosen[name] = load_planner(path)
+            shown = name if shown == "policy" else shown  # your own, the first one
         else:
-            chosen[name], about = load_policy(path, sim)
+            chosen[name], about = load_policy(path, world)
             facts = facts or about
             print(f"{name}: {path}, {about['steps']} double steps, seed {about['seed']}")
-    return chosen | baselines, facts
+    return chosen | baselines, facts, shown
 
 
 # ------------------------------------------------------------------------ command line
-def run(world, blocks, planners, shown, facts, args, out):
-    """Every planner in every block of Trials, with --noise once more; then the files.
+def make_world(args, count, noise=False, push=0.0, cores=None):
+    """A world as the command line asks for; with --friction the ground is the same for all."""
+    robot, spread = robot_model.RobotModel(), env.Spread()
+    if args.friction is not None:
+        robot = replace(robot, friction=args.friction)
+        spread = replace(spread, friction=0.0)
+    return env.FootstepWorld(count, args.sim, noise, push, robot=robot, spread=spread, cores=cores)
+
+
+def evaluate_all(args, blocks, planners):
+    """Every planner in every block of Trials, with --noise once more: trials by (planner, noise, σ).
 
     blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
-    shown: name of the planner beside the baselines in the figures; facts: of the first policy.
     """
     results = {}
-    noises = sorted({False, args.noise})  # without it, and perhaps with it
-    for std, noise, name in tqdm([*itertools.product(blocks, noises, planners)], unit=" rows"):
-        results[name, noise, std] = evaluate(planners[name], world, blocks[std], noise)
-    rows = [summary(*key, trials, world.task) for key, trials in results.items()]
-    ratios = compare(results)
-    text = table(rows, ratios)
-    print(text)
-    content = {
-        "sim": args.sim,
-        "policy": facts,
-        "seed": args.seed,
-        "goals": args.goals or "drawn",
-        "friction": "drawn" if math.isnan(args.friction) else args.friction,
-        "push": args.push,
-        "rows": rows,
-        "ratios": ratios,
-    }
-    write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
-    write_text(out / "table.md", text)
-    write_trials(out / "trials.csv", blocks, results)
-    world.push = 0.0  # not in figures
-    trials = draw_trials(args.seed, len(FIGURE_GOALS), friction=args.friction)
-    trials.goals = FIGURE_GOALS
-    if own := blocks.get(None):  # the first goals of your own
-        trials = Trials(own.goals[:3], own.seed[:3], own.number[:3], own.friction[:3])
-    walks = {
-        name: [*record(planners[name], world, trials)]
-        for name in ("baseline", "baseline_tuned", shown)
-    }
-    plot_footsteps(walks, out / "footsteps.png")
-    if args.gif:  # a minute each
-        race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
-        plot_race(race, out / "animation.gif")
-        last = Path(facts["file"])
-        start, tenth = (last.with_name(f"policy.{when}.pt") for when in ("start", "tenth"))
-        stages = {"before training": start, "after a tenth of it": tenth, "at the end": last}
-        if start.is_file() and tenth.is_file():
-            race = {
-                name: next(record(load_policy(path, args.sim)[0], world, trials))
-                for name, path in stages.items()
-            }
-            plot_race(race, out / "learning.gif", every=20)
-    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
+    for std, noise in itertools.product(blocks, sorted({False, args.noise})):
+        trials = blocks[std]
+        with closing(make_world(args, len(trials.goals), noise, args.push)) as world:
+            for name in tqdm(planners, f"σ {std} m, noise: {noise}", unit=" rows"):
+                results[name, noise, std] = evaluate(planners[name], world, trials)
+    return results
 
 
 def write_text(path, text):
@@ -813,51 +777,71 @@ def write_text(path, text):
 
 
 def main(argv=None):
-    parser = robot_model.StageParser(__doc__)
+    parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
     add("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
     which.add_argument("--goals", help="a CSV file: x, y [m], yaw [rad]")
-    add("--episodes", type=robot_model.whole, default=500, help="how many goals (500)")
-    add("--friction", type=float, default=math.nan, help="μ of the ground, for all; else drawn")
-    add(
-        "--push",
-        type=float,
-        default=0.0,
-        metavar="DV",
-        help="pushes by DV m/s, every 3 s on average",
-    )
+    add("--episodes", type=int, default=500, help="how many goals (500)")
+    add("--friction", type=float, help="μ of the ground, for all; else drawn")
+    add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
     add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     add("--planner", type=Path, nargs="+", default=[], help="files of your own")
-    add("--gif", action="store_true", help="also draw two films")
+    add("--gif", action="store_true", help="also draw a film")
     add("--play", action="store_true", help="click a goal, watch the robot walk")
-    args = parser.parse(argv)
-    if not 1 <= args.episodes <= MOST or args.friction < 0 or not 0 <= args.push < 1e3:
-        parser.error(f"--episodes from 1 to {MOST}, --friction and --push from 0 on")
-    trials = draw_trials(args.seed, args.episodes, False, args.friction)
-    blocks = {env.Task.goal_std_m: trials}
+    args = parser.parse_args(argv)
+    if not 1 <= args.episodes <= MOST:
+        parser.error(f"--episodes from 1 to {MOST}")
+    if not 0 <= args.push < 1e3 or not 0 <= (args.friction or 0) < 1e3:
+        parser.error("--push and --friction from 0 on")
+    if args.goals is None:
+        blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
+        figure_trials = Trials(FIGURE_GOALS, args.seed)
+    else:
+        blocks = {None: Trials(read_goals(args.goals), args.seed)}
+        figure_trials = Trials(blocks[None].goals[:3], args.seed)
     if args.far:
-        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, True, args.friction)
-    try:
-        if args.goals is not None:
-            trials = read_trials(args.goals, args.seed, args.friction)
-            blocks = {None: trials}
-        planners, facts = choose_planners(args.sim, args.policy, args.planner)
-        # Your own planners, of which the first one counts, stand before the two baselines.
-        shown = list(planners)[-2 - len(args.planner)] if args.planner else "policy"
-        out = parser.folder(args)
-        count = max(len(FIGURE_GOALS), len(trials.goals))
-        world = env.FootstepWorld(1 if args.play else count, args.sim, args.noise)
-        world.push = args.push or 0.6 * args.play  # [m/s]; it is also that of the space bar
+        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
+    count = 1 if args.play else len(figure_trials.goals)
+    with closing(make_world(args, count, cores=1)) as world:  # for pictures: nothing pushes
+        planners, facts, shown = choose_planners(world, args.policy, args.planner)
+        out = robot_model.output_folder(args)
         if args.play:
-            play(world, {shown: planners[shown], **planners}, args.friction)
-        else:
-            run(world, blocks, planners, shown, facts, args, out)
-        world.close()
-    except ppo.PolicyError as error:
-        parser.error(str(error))
+            play(world, {shown: planners[shown]} | planners, args.push or 0.6)
+            return
+        results = evaluate_all(args, blocks, planners)
+        rows = [summary(*key, trials, world.task) for key, trials in results.items()]
+        ratios = compare(results)
+        made_with = {
+            "python": platform.python_version(),
+            "processor": platform.processor() or platform.machine(),
+            **{name: metadata.version(name) for name in ("numpy", "torch", args.sim)},
+        }
+        content = {
+            "sim": args.sim,
+            "policy": facts,
+            "seed": args.seed,
+            "goals": args.goals or "drawn",
+            "friction": "drawn" if args.friction is None else args.friction,
+            "push": args.push,
+            "made_with": made_with,
+            "rows": rows,
+            "ratios": ratios,
+        }
+        text = table(rows, ratios)
+        write_text(out / "evaluation.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+        write_text(out / "table.md", text)
+        write_trials(out / "trials.csv", blocks, results)
+        names = "baseline", "baseline_tuned", shown
+        walks = {name: [*record(planners[name], world, figure_trials)] for name in names}
+        plot_footsteps(walks, out / "footsteps.png")
+        print(text)
+        if args.gif:  # a minute
+            race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
+            plot_race(race, out / "animation.gif")
+    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 
 if __name__ == "__main__":
-    robot_model.run(main)
+    robot_model.start(main)

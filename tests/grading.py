@@ -1,14 +1,15 @@
 """A plugin of pytest, loaded by .pytest.ini. With `--stages FOLDER` it grades the exercises in that
 folder; an exercise whose file is missing there is "not handed in":
 
-    python -m pytest --stages exercises              all of exercises/workbook.py
-    python -m pytest --stages exercises -k gae       this one; or -k "gae or quintic"
+    python -m pytest tests --stages=exercises              all of exercises/workbook.py
+    python -m pytest tests --stages=exercises -k gae       this one; or -k "gae or quintic"
 
 FOLDER is looked for where you are, then in the repository's root. From another folder, add the path
 of `tests`, so that pytest finds .pytest.ini.
 """
 
 import _thread
+import os
 import re
 import signal
 import sys
@@ -28,6 +29,7 @@ def pytest_addoption(parser):
 
 
 def pytest_configure(config):
+    os.environ["MPLBACKEND"] = "Agg"  # figures need no screen
     given = config.getoption("stages")
     if given is None:
         return
@@ -102,8 +104,17 @@ class Grading:
         report = yield
         if report.when == "call" or report.failed:
             for name in item.exercises:
-                self.results[name].append(hint(report) if report.failed else None)
+                self.results[name].append(None if report.passed else hint(report))
         return report
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_make_collect_report(self, collector):
+        """A file that ends Python when it is imported must not take the other grades along."""
+        try:
+            return (yield)
+        except SystemExit:
+            said = "a file of these ends Python when it is imported (exit, or main() unguarded)"
+            return pytest.CollectReport(collector.nodeid, "failed", said, None)
 
     def pytest_collectreport(self, report):
         if report.failed:  # the tests, or the student's file, could not be imported

@@ -4,13 +4,14 @@ import itertools
 import json
 import math
 import os
+import re
 import sys
 import traceback
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import SimpleNamespace
 from unittest import mock
 
 import numpy as np
@@ -29,7 +30,14 @@ OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0
 # By hand and not by the stages, which may be empty exercises when this module is imported:
 TICK = robot_model.RobotModel().control_dt  # [s]
 PERIOD = 2 * TICK * env.walk_engine.TUNED["pymunk"].half_ticks  # [s] a double step
-VIEW = env.View(PERIOD, LIMITS, None, None, None)
+
+
+def view(goal, robots=(0,), **known):
+    """A View of these goals [n, 3]; what is not known is None."""
+    blank = dict.fromkeys(env.View.__dataclass_fields__) | {"period": PERIOD, "limits": LIMITS}
+    return env.View(**blank | {"goal": np.array(goal), "robots": np.array(robots)} | known)
+
+
 plot_footsteps = evaluate.plot_footsteps  # `short_trials` puts it aside
 
 
@@ -182,7 +190,7 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
     )
     planner.reset(2)
     goals = np.array([[0, 0.19, 0.5], [0, -0.095, -1.0]])  # the way within a second
-    actions = planner.act(env.View(1.0, limits, None, None, None), np.arange(2), goals)
+    actions = planner.act(view(goals, [0, 1], period=1.0, limits=limits))
     steps = env.to_footsteps(actions, limits)
     close(
         steps,
@@ -193,12 +201,12 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
 
 
 def test_only_the_first_command_of_a_trial_is_not_filtered():
-    planner, robot, velocities = evaluate.BaselinePlanner(), np.array([1]), []
+    planner, velocities = evaluate.BaselinePlanner(), []
     ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
     for goals in ([ahead, aside], [aside]):  # of two trials
         planner.reset(2)
         for goal in goals:
-            actions = planner.act(VIEW, robot, goal)
+            actions = planner.act(view(goal, [1]))
             velocities.append(planner.velocity[1].copy())
     share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
     changed = (0.12 * (1 - share), 0.07 * share, 0.3 * share)
@@ -233,7 +241,6 @@ def trials(outcomes, times, still_there=None):
         "still_there": reached if still_there is None else np.array(still_there),
         "reached_once": once > 0,
         "time_once": once,
-        "least": np.arange(2.0, 2 + len(times)),
     }
 
 
@@ -261,10 +268,6 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     )
     assert far_ones["median"] == pytest.approx(1), "of the ratios goal by goal: 0.5, 1.5 and 1"
     assert far_ones["slower"] == pytest.approx(1 / 3), "longer than the reference, not as long"
-    assert far_ones["over_optimum"] == pytest.approx(75 / (2 + 3 + 4)), (
-        "mean time / mean of the least time"
-    )
-    assert row["over_optimum"] == pytest.approx(15 / (2 + 3)), "of the goals that both reached"
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
 
@@ -278,10 +281,11 @@ def test_planners_are_compared_goal_by_goal_too():
             ("b", False, 0.5): trials(key, [1, 1, 1, 1]),
         }
     )
-    (a,), (b,) = ([row for row in ratios if row["planner"] == name] for name in "ab")
-    assert (a["reference"], a["goals"]) == ("b", 3), "only rows with the same noise and goals"
-    assert (a["median"], a["slower"]) == (0.8, 0.3333), "of 0.3, 0.8, 1.2; one is slower"
-    assert (b["median"], b["slower"]) == (1.25, 0.6667)
+    (a,) = ratios  # every pair once
+    assert (a["planner"], a["reference"], a["goals"]) == ("a", "b", 3), (
+        "only rows with the same noise and goals"
+    )
+    assert (a["median"], a["slower"]) == (0.8, 1 / 3), "of 0.3, 0.8, 1.2; one is slower"
 
 
 def test_time_ratio_s_interval_covers_the_truth():
@@ -289,15 +293,26 @@ def test_time_ratio_s_interval_covers_the_truth():
     rng, covered = np.random.default_rng(0), []
     for _ in range(200):
         theirs = rng.uniform(5, 30, 90)
-        ours = theirs * rng.uniform(0.3, 0.7, 90)  # 0.5 on average, whatever the goal
-        row = evaluate.time_ratio(
-            trials(["success"] * 90, ours), trials(["success"] * 90, theirs), resamples=300
-        )
+        ours = theirs * rng.uniform(0.3, 0.7, 90) + 2  # the longer, the nearer to a half
+        row = evaluate.time_ratio(trials(["success"] * 90, ours), trials(["success"] * 90, theirs))
         low, high = row["time_ratio_ci95"]
-        covered.append(low <= 0.5 <= high)
+        covered.append(low <= 0.5 + 2 / 17.5 <= high)
     assert 0.89 <= np.mean(covered) <= 0.99, (
-        "2.5 and 97.5 % of the ratios of the means; goals are drawn with replacement "
-        f"(got {np.mean(covered):.0%} of the intervals around the truth, expected 95 %)"
+        "2.5 and 97.5 % of the ratios of the means, not of the mean of the ratios; goals are drawn "
+        f"with replacement (got {np.mean(covered):.0%} of the intervals around the truth, expected "
+        "95 %)"
+    )
+
+
+def test_time_ratio_s_bootstrap_is_that_of_theory():
+    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
+    assert (low + high) / 2 == pytest.approx(sample.mean(), abs=0.03)
+    assert high - low == pytest.approx(2 * 1.96 * sample.std() / 20, rel=0.07), (
+        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are"
+    )
+    assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
+        "what belongs together is drawn together"
     )
 
 
@@ -331,16 +346,16 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
         "time_ratio_ci95": [0.4, 0.6],
         "median": 0.45,
         "slower": 0.125,
-        "over_optimum": 2.5,
     }
-    ours, _, once, _, ratios = evaluate.table(rows, [ratio]).split("\n\n")
+    text = re.sub(" +", " ", evaluate.table(rows, [ratio]))  # columns are aligned by blanks
+    ours, _, once, _, ratios = text.split("\n\n")
     assert "paper" not in ours, "its success means something else: not in the same column"
     assert "| own | yes | mine | 0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00 ± 1.00 |" in ours
     assert once.splitlines()[2:] == [
         "| yes | policy | ours | 0.750 | 0.000 | 0.250 | 6.00 ± 1.63 |",
         "| yes | policy | paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 |",
     ], "of other planners, and of goals twice as far, Table II says nothing"
-    assert "| own | no | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 2.50 | 7 |" in ratios
+    assert "| own | no | policy | mine | 0.500 [0.400, 0.600] | 0.450 | 0.125 | 7 |" in ratios
     assert "\n\n" not in evaluate.table(rows[1:], []), "no empty table"
 
 
@@ -348,24 +363,17 @@ class Recorder:
     """Steps on the spot and remembers what it was told."""
 
     def reset(self, num_robots):
-        self.measured = []
+        self.goals = []
 
-    def act(self, view, robots, measured):
-        self.measured.append(measured.copy())
-        return np.tile(view.neutral_action, (len(robots), 1))
+    def act(self, view):
+        self.goals.append(view.goal.copy())
+        return np.tile(view.neutral_action, (len(view.robots), 1))
 
 
 class Wild(Recorder):  # it also scribbles on what it is told: copies are handed out, not the world
-    def act(self, view, robots, measured):
-        actions = 0 * super().act(view, robots, measured) + [0.7, 0.3, 0.5, 0.7, 0.3, 0.5]
-        robots[:] = measured[:] = 0
-        return actions
-
-
-class Hasty(Recorder):  # as long a step as it can, forward or backward, until it falls
-    def act(self, view, robots, measured):
-        actions = super().act(view, robots, measured)
-        actions[:, [0, 3]] = measured[:, :1] > 0
+    def act(self, view):
+        actions = 0 * super().act(view) + [0.7, 0.3, 0.5, 0.7, 0.3, 0.5]
+        view.robots[:] = view.goal[:] = 0
         return actions
 
 
@@ -379,116 +387,59 @@ def world():
     world.close()
 
 
+@pytest.fixture(scope="module")
+def noisy():
+    world = env.FootstepWorld(16, noise=True, cores=1, task=SHORT)
+    yield world
+    world.close()
+
+
 def to(goals):
     """Trials with these goals [n, 3]."""
     return replace(evaluate.draw_trials(0, len(goals)), goals=np.array(goals, float))
 
 
 def first_noise(planner, world, asked):
-    evaluate.evaluate(planner, world, asked, noise=True)
-    noise = planner.measured[0] - asked.goals
+    evaluate.evaluate(planner, world, asked)
+    noise = planner.goals[0] - asked.goals
     noise[:, 2] = env.wrap(noise[:, 2])
     return noise
 
 
-def test_noise_of_a_goal_depends_on_neither_planner_nor_number(world):
+def test_noise_of_a_goal_depends_on_neither_planner_nor_number(noisy):
     six, two = evaluate.draw_trials(3, 6), evaluate.draw_trials(3, 2)
-    noise = first_noise(Recorder(), world, six)
-    hint = "one generator per goal and one `world.measure` per decision"
-    equal(noise, first_noise(Wild(), world, six), err_msg=hint)
-    equal(noise[:2], first_noise(Recorder(), world, two), hint)
+    noise = first_noise(Recorder(), noisy, six)
+    hint = "one generator per goal and one `world.look` per decision"
+    equal(noise, first_noise(Wild(), noisy, six), err_msg=hint)
+    equal(noise[:2], first_noise(Recorder(), noisy, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
     dice = env.stream("evaluation", 3, 0).spawn(6)[env.NOISE]
     close(noise[0], dice.normal(size=3) * 0.05, err_msg="more than one measurement for a decision")
 
 
-def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world):
-    class Watching(Recorder):
-        def act(self, view, robots, measured):
-            known = world.estimate[robots] if world.noise else world.relative_goal(robots)
-            equal(measured, known)
-            close(view.observation[:, :8], env.encode_goal(known), atol=1e-6)
-            off.append(np.abs(measured - world.relative_goal(robots)).mean(0))
-            return super().act(view, robots, measured)
-
+def test_every_planner_gets_the_estimate_and_without_noise_the_truth(world, noisy):
     off = []
-    for noise in (True, False):
-        evaluate.evaluate(Watching(), world, evaluate.draw_trials(0, 16), noise)
+    for here in (noisy, world):
+
+        class Watching(Recorder):
+            def act(self, view, here=here):
+                true = here.relative_goal(view.robots)
+                equal(view.goal, here.estimate[view.robots])
+                close(view.observation[:, :8], env.encode_goal(view.goal), atol=1e-6)
+                off.append(np.abs(view.goal - true).mean(0))
+                return super().act(view)
+
+        evaluate.evaluate(Watching(), here, evaluate.draw_trials(0, 16))
     first, _, third = off[:3]
     assert third[:2].sum() < 0.7 * first[:2].sum(), "after three measurements it knows more"
     close(off[3:], 0, atol=1e-12)
 
 
-def test_far_trials_are_near_ones_with_the_goal_twice_as_far(world):
+def test_far_trials_are_near_ones_with_the_goal_twice_as_far(noisy):
     near, far = (evaluate.draw_trials(3, 6, far) for far in (False, True))
     close(far.goals, near.goals * (2, 2, 1), err_msg="σ = 1 m, not 0.5 m")
-    noise, other = (first_noise(Recorder(), world, asked) for asked in (near, far))
+    noise, other = (first_noise(Recorder(), noisy, asked) for asked in (near, far))
     close(other, noise, atol=1e-12, err_msg="only the goal may differ")
-
-
-def test_lines_of_trials_csv_repeat_those_very_trials(world, tmp_path, monkeypatch):
-    monkeypatch.setattr(world, "task", env.Task(time_limit=7.0))  # time enough to fall
-    path, asked = tmp_path / "trials.csv", evaluate.draw_trials(5, 8, friction=0.9)
-    first = evaluate.evaluate(Hasty(), world, asked, noise=True)
-    ends = world.pose[:8].copy()
-    assert len(np.unique(ends[:, 0])) == 8, "every trial should end elsewhere"
-    evaluate.write_trials(path, {0.5: asked}, {(name, True, 0.5): first for name in "ab"})
-    head, *lines = path.read_text().splitlines()
-    chosen = [6, 1, 2, 7]
-    path.write_text("\n".join([head, *(lines[i] for i in chosen), lines[8 + 1]]))  # 1 of b, too
-    again = evaluate.read_trials(path, seed=0, friction=np.nan)
-    assert again.number.tolist() == chosen, "as in the file, a trial of several planners once"
-    equal(again.goals, asked.goals[chosen], "to the last bit")
-    second = evaluate.evaluate(Hasty(), world, again, noise=True)
-    for name, values in first.items():
-        equal(second[name], values[chosen], err_msg=f"{name}: fixed by goal, seed, number and μ")
-    equal(world.pose[:4], ends[chosen], "to the last bit")
-
-
-def test_the_least_time_by_hand():
-    world = SimpleNamespace(
-        task=env.Task(),
-        limits=LIMITS,
-        engine=SimpleNamespace(period=0.6, beside=np.array([[0, 0.18, 0], [0, -0.18, 0]])),
-    )
-    # Seen from the other foot, a foot lands 0.18 m ahead, 0.18 + 0.15 m aside, 0.6 rad outward.
-    way = 2 * (0.18 * math.cos(0.3) + 0.33 * math.sin(0.3))  # [m] of a double step, toes out
-    turn = 0.60 + 0.40  # [rad]
-    goals = [
-        [0.04, 0, 0],
-        [3 * way + 0.04, 0, 0],
-        [0, 3 * way + 0.06, 0],
-        [0, 0, 2 * turn + 0.17],
-        [0, 0, -2 * turn - 0.18],
-        [0, -way - 0.06, 2 * turn + 0.18],
-    ]
-    close(
-        evaluate.least_time(np.array(goals), world),
-        0.6 * np.array([1, 3, 4, 2, 3, 3]),
-        err_msg=("to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"),
-    )
-
-
-@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
-def test_no_plan_is_faster_than_the_least_time(sim):
-    """The walk engine plans every extreme double step eight times in a row, and others at random.
-    The goal is where the trunk comes to, and farther on by the tolerance.
-    """
-    robots, limits = np.arange(512), env.LIMITS[sim]
-    engine = env.walk_engine.WalkEngine(512, env.walk_engine.TUNED[sim], planar=sim == "pymunk")
-    world = SimpleNamespace(task=env.Task(), limits=limits, engine=engine)
-    extreme = np.array([*itertools.product((0.0, 1.0), repeat=6)])  # [64, 6] actions
-    chosen = np.random.default_rng(0).integers(64, size=(8, 512))
-    chosen[:, :64] = np.arange(64)
-    start = engine.trunk[0, [0, 1, 5], 0].copy()
-    for steps, row in enumerate(chosen, 1):
-        trajectory, _ = engine.plan(env.to_footsteps(extreme[row], limits), robots)
-        goals = trajectory.trunk[:, -1, [0, 1, 5]] - start
-        goals[:, :2] *= 1 + 0.0499 / np.hypot(*goals.T[:2])[:, None]
-        goals[:, 2] += np.copysign(math.radians(9.99), goals[:, 2])
-        least = evaluate.least_time(goals, world) / engine.period
-        assert least.max() <= steps + 1e-9, f"{extreme[row[least.argmax()]]} is faster"
-        assert least.max() == pytest.approx(steps), "some walk needs all of these double steps"
 
 
 OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
@@ -508,12 +459,13 @@ ENDINGS = {  # after each double step; outcome, double steps, the first one insi
 }
 
 
-def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
+def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
+    world = noisy
     poses, *columns = zip(*ENDINGS.values())
     outcome, steps, first, still_there = map(np.array, columns)
     done, asked, planner, step = np.zeros(len(poses), int), [], Wild(), world.step
 
-    def run(trajectory, robots):
+    def run(robots, trajectory):
         ends = [poses[i][done[i]] for i in robots]
         done[robots] += 1
         torso = np.zeros((len(robots), trajectory.joints.shape[1] - 1, 6))
@@ -525,13 +477,13 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
             np.array([end is FALLS for end in ends]),
         )
 
-    def watched_step(actions, robots):
+    def watched_step(actions, robots, *more):
         asked.append((np.array(actions), list(robots)))
-        return step(actions, robots)
+        return step(actions, robots, *more)
 
-    monkeypatch.setattr(world.sim, "run", run)
+    monkeypatch.setattr(world.simulator, "run", run)
     monkeypatch.setattr(world, "step", watched_step)
-    found = evaluate.evaluate(planner, world, to(np.zeros((len(poses), 3))), noise=True)
+    found = evaluate.evaluate(planner, world, to(np.zeros((len(poses), 3))))
     for key, want, hint in (
         ("outcome", outcome, "a success is inside after two double steps in a row"),
         ("steps", steps, "they end with the trial, not with the two double steps after it"),
@@ -550,7 +502,7 @@ def test_success_is_to_be_inside_twice_in_a_row(world, monkeypatch):
     assert robots == list(range(6)), "every success is watched for two more double steps"
     assert standing == [0, 1, 2, 3, 5], "who fell meanwhile does not walk on"
     close(actions, np.tile(world.neutral_action, (6, 1)), err_msg="no planner is asked: in place")
-    assert len(planner.measured) == 3, "one measurement a decision, none afterwards"
+    assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 
 
 def test_the_recorded_walk_is_the_measured_one(world):
@@ -565,40 +517,47 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
     world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), np.array([0.3, -0.2, 0.5])
 
-    def run(trajectory, robots):
+    def run(robots, trajectory):
         torso, place = trajectory.trunk[:, 1:].copy(), trajectory.trunk[:, 1:, [0, 1, 5]]
         torso[..., [0, 1, 5]] = robot_model.compose(np.broadcast_to(moved, place.shape), place)
         nobody = np.zeros(len(robots), bool)
         return robot_model.Motion(torso, trajectory.joints[:, 1:], np.zeros((1, 3)), nobody)
 
-    monkeypatch.setattr(world.sim, "run", run)
+    monkeypatch.setattr(world.simulator, "run", run)
     (walk,) = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     close(walk["feet"][-1], planned, atol=1e-6, err_msg="x, y of the ankle's projection, yaw")
 
 
-@pytest.mark.parametrize("imu, seen", [(False, 20), (True, 25)])
-def test_the_policy_does_what_its_mean_says_about_what_it_sees(imu, seen):
+@pytest.mark.parametrize("seen", [20, 25])
+def test_the_policy_does_what_its_mean_says_about_what_it_sees(seen):
     torch.manual_seed(0)
     model = ppo.ActorCritic(seen, 6)
     observation = np.random.default_rng(0).uniform(-1, 1, (2, 25)).astype(np.float32)
-    view = env.View(PERIOD, LIMITS, None, None, observation)
-    found = evaluate.PolicyPlanner(model, imu).act(view, np.arange(2), np.zeros((2, 3)))
+    seen_by = view(np.zeros((2, 3)), [0, 1], observation=observation)
+    found = evaluate.PolicyPlanner(model).act(seen_by)
     equal(found, model.decide(observation[:, :seen]), err_msg="the IMU's rows are the last ones")
 
 
-def save_untrained(path, sim="pymunk", imu=False, steps=10):
-    """A policy that steps on the spot whatever it sees: nearly its first one."""
+def save_untrained(path, sim="pymunk", imu=False, steps=10, **settings):
+    """A policy that steps on the spot whatever it sees: nearly its first one; settings: of the
+    world in which it says that it was trained.
+    """
     torch.manual_seed(0)
     neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
     model = ppo.ActorCritic(len(env.observation_table(imu)), 6, first_action=neutral)
+    world = env.FootstepWorld(1, sim, cores=1, **{"task": SHORT, **settings})
+    about = {
+        "fits": ppo.fingerprint(world, model.shape["obs_dim"]),
+        "imu": imu,
+        "steps": steps,
+        "minutes": 0.1,
+        "seed": 0,
+    }
+    world.close()
     path.parent.mkdir(parents=True, exist_ok=True)
-    ppo.save_policy(
-        path,
-        model,
-        {"fits": env.fingerprint(sim, imu), "imu": imu, "steps": steps, "minutes": 0.1, "seed": 0},
-    )
+    ppo.save_plain(path, ppo.plain(model, about))
     return path
 
 
@@ -609,8 +568,8 @@ class Planner:
     def reset(self, num_robots):
         pass
 
-    def act(self, view, robots, measured):
-        actions = np.tile(view.neutral_action, (len(robots), 1))
+    def act(self, view):
+        actions = np.tile(view.neutral_action, (len(view.robots), 1))
         {line}
         return actions
 """
@@ -630,9 +589,10 @@ def short_trials(tmp_path, monkeypatch):
     """A folder with a policy, 2 s for a trial, no figures: the command line takes a second."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", sys.path[:])  # a planner's folder is put there
-    monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT, cores=1))
-    monkeypatch.setattr(evaluate, "plot_footsteps", mock.Mock())
+    monkeypatch.setattr(robot_model, "CORES", 1)
     save_untrained(Path("results/pymunk/policy.pt"))
+    monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT))
+    monkeypatch.setattr(evaluate, "plot_footsteps", mock.Mock())
 
 
 def call(*arguments):
@@ -641,20 +601,13 @@ def call(*arguments):
     return json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
 
 
-def refused(capsys, *arguments):
-    """The one line on stderr of a call that must be refused, before anything is written."""
-    with pytest.raises(SystemExit) as stopped:
+def refused(*arguments):
+    """The one line of a call that must be refused, before anything is written."""
+    with pytest.raises(robot_model.InputError) as stopped:
         call(*arguments)
-    assert stopped.value.code == 2, "bad input ends with exit code 2"
-    (line,) = capsys.readouterr().err.splitlines()
+    (line,) = str(stopped.value).splitlines()
     assert not Path("out").exists(), "check everything first, then write"
     return line
-
-
-def read(path, text, friction=np.nan):
-    """The Trials of a file with that text; without a column of its own the seed is 5."""
-    path.write_bytes(text.encode())
-    return evaluate.read_trials(path, 5, friction)
 
 
 @pytest.mark.parametrize(
@@ -670,36 +623,41 @@ def read(path, text, friction=np.nan):
         "x,y,yaw\n1,2,\n",
         "x,y,yaw\n1,2,3\n1,nan,3\n",
         "x,y,yaw\n" + "".join(f"{i},0,0\n" for i in range(10_001)),
+        "x,y,yaw\n1e300,0,0\n",
+        "x;y;yaw\n1;2;3\n",
         "x,y,yaw\n\xe9\xe9,1,1\n",
         None,
     ],
     ids=lambda text: repr(text)[:30],
 )
-def test_a_malformed_goals_file_is_one_line(short_trials, capsys, text):
+def test_a_malformed_goals_file_is_one_line(short_trials, text):
     if text is not None:
         Path("goals.csv").write_text(text, encoding="latin-1")
-    message = refused(capsys, "--goals", "goals.csv")
+    message = refused("--goals", "goals.csv")
     assert "goals.csv: needs columns x, y, yaw and finite numbers" in message
 
 
-def test_lines_of_goals_are_trials_of_this_seed_or_those_that_they_name(tmp_path):
-    found = read(tmp_path / "goals.csv", "x,y,yaw\n1,2,0.5\n1,2,0.5\n0,0,0\n")
-    assert (found.seed.tolist(), found.number.tolist()) == ([5, 5, 5], [0, 1, 2]), (
-        "the same goal twice is two trials, with another ground and body each"
+def test_goals_are_read_from_any_spreadsheet(tmp_path):
+    path = tmp_path / "goals.csv"
+    path.write_text("x,y,yaw\n1,2,0.5\n1,2,0.5\n0,0,0\n")
+    assert evaluate.read_goals(path).tolist() == [[1, 2, 0.5], [1, 2, 0.5], [0, 0, 0]], (
+        "the same goal twice is two trials"
     )
-    assert np.isnan(found.friction).all(), "to be drawn"
-    spreadsheet = read(tmp_path / "goals.csv", "\ufeffX ,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n")
-    close(spreadsheet.goals, [[1, -2.5, 7 - 2 * math.pi]])
-    text = "seed,trial,x,y,yaw,mu\n3,7,1,2,0.5,0.8\n4,7,1,2,0.5,0.8\n"
-    found, given = (read(tmp_path / "trials.csv", text, mu) for mu in (np.nan, 0.4))
-    assert (found.seed.tolist(), found.number.tolist()) == ([3, 4], [7, 7])
-    assert found.friction.tolist() == [0.8] * 2 and found.purpose == "evaluation"
-    assert given.friction.tolist() == [0.4] * 2, "--friction goes before what the file says"
+    path.write_bytes("\ufeffx,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n".encode())
+    close(evaluate.read_goals(path), [[1, -2.5, 7 - 2 * math.pi]])
 
 
-def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, capsys):
+@pytest.fixture
+def one_robot():
+    with closing(env.FootstepWorld(1, cores=1, task=SHORT)) as world:
+        yield world
+
+
+def test_your_own_policy_comes_first_and_rows_are_called_like_files(
+    short_trials, one_robot, capsys
+):
     save_untrained(Path("runs/pymunk/policy.pt"), steps=20)
-    planners, facts = evaluate.choose_planners("pymunk")
+    planners, facts, shown = evaluate.choose_planners(one_robot)
     assert facts == {
         "file": "runs/pymunk/policy.pt",
         "imu": False,
@@ -707,16 +665,16 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials
         "minutes": 0.1,
         "seed": 0,
     }
-    assert list(planners) == ["policy", "baseline_tuned", "baseline"]
+    assert list(planners) == ["policy", "baseline_tuned", "baseline"] and shown == "policy"
     assert planners["baseline"].settings == B, "those of the paper"
-    assert planners["baseline_tuned"].settings == evaluate.TUNED["pymunk"] != B
+    assert planners["baseline_tuned"].settings == evaluate.TUNED_BASELINE["pymunk"] != B
     capsys.readouterr()
     policies = [
         save_untrained(Path(name), imu="imu" in name, steps=steps)
         for steps, name in enumerate(("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt"))
     ]
     mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
-    planners, facts = evaluate.choose_planners("pymunk", policies, mine)
+    planners, facts, shown = evaluate.choose_planners(one_robot, policies, mine)
     assert list(planners) == [
         "policy",
         "a/policy",
@@ -729,38 +687,76 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials
         "baseline",
     ], "the first policy, then every file's name, with its folder where the name is taken"
     assert facts["file"] == "first.pt", "with --policy the shipped one is not added"
+    assert shown == "mine", "your own planner goes before the policies"
     assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
-    second = capsys.readouterr().out.splitlines()[1]
+    said = capsys.readouterr().out
+    assert "note" not in said, "all of them were trained in this world"
+    second = said.splitlines()[1]
     assert second.startswith("a/policy") and "1 double steps" in second, "say which file is judged"
 
 
-@pytest.mark.parametrize(
-    "flags, mention",
-    [
-        (["--policy", "missing.pt"], "missing.pt: no such file"),
-        (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
-        (
-            ["--policy", "other.pt"],
-            "other.pt: made for another robot, walk or task: simulator is mujoco"
-            " in the file, but pymunk here; try with --mujoco",
-        ),
-        (["--policy", "results/pymunk/policy.pt", "other.pt"], "simulator is mujoco"),
-        (["--planner", "missing.py"], "missing.py: no such file"),
-        (["--planner", "text.py"], "text.py: defines no class Planner"),
-        (
-            ["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
-            "c/b/mine.py: two planners are called b/mine",
-        ),
-        (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
-    ],
-    ids=str,
-)
-def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, mention):
+WALK = env.walk_engine.TUNED["pymunk"]
+ROBOT = robot_model.RobotModel()
+
+
+@pytest.mark.parametrize("settings, said", [
+    ({"walk": replace(WALK, foot_rise=0.03)}, "walk: foot_rise 0.03, here 0.0226"),
+    ({"walk": replace(WALK, reflex=0.0, half_ticks=30)},
+     "walk: half_ticks 30, here 31; reflex 0.0, here 0.05"),
+    ({"limits": replace(LIMITS, high=(0.1, 0.15, 0.6))},
+     "step limit: high [0.1, 0.15, 0.6], here [0.18, 0.15, 0.6]"),
+    ({"task": replace(SHORT, s_fall=3.0)}, "task: s_fall 3.0, here 10.0"),
+    ({"task": replace(SHORT, noise_m=0.1)}, "task: noise_m 0.1, here 0.05"),
+    ({"spread": env.Spread(mass=0.2)}, "spread: mass 0.2, here 0.1"),
+    ({"robot": replace(ROBOT, friction=0.5)}, "robot: friction 0.5, here 0.7"),
+    ({"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0))},
+     "robot: torso: mass 4.0, here 3.49"),
+    ({"push": 0.4}, None), ({"noise": True}, None), ({}, None)], ids=str)  # fmt: skip
+def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
+    one_robot, tmp_path, capsys, settings, said
+):
+    path = save_untrained(tmp_path / "policy.pt", **settings)
+    planner, _ = evaluate.load_policy(path, one_robot)
+    printed = capsys.readouterr().out
+    note = f"note: {path.as_posix()} was trained with another {said}\n"
+    assert printed == (note if said else "")
+    evaluate.evaluate(planner, one_robot, evaluate.draw_trials(0, 1))
+
+
+@pytest.mark.parametrize("flags, mention", [
+    (["--policy", "missing.pt"], "missing.pt: No such file"),
+    (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
+    (["--policy", "other.pt"], "other.pt: trained in mujoco, but this is pymunk (see --mujoco)"),
+    (["--policy", "results/pymunk/policy.pt", "other.pt"], "trained in mujoco"),
+    (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
+    (["--policy", "pendulum.pt"], "pendulum.pt: trained in Pendulum-v1, but this is pymunk"),
+    (["--planner", "missing.py"], "missing.py: no such .py file"),
+    (["--planner", "results/pymunk/policy.pt"], "--policy takes a policy.pt"),
+    (["--planner", "text.py"], "text.py: defines no class Planner"),
+    (["--planner", "leaves.py"], "leaves.py: ends Python when it is read"),
+    (["--planner", "old.py"], "old.py: act takes one argument, view; view.robots and view.goal"),
+    (["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
+     "c/b/mine.py: two planners are called b/mine"),
+    (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
+], ids=str)  # fmt: skip
+def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
+    good = ppo.load_plain(Path("results/pymunk/policy.pt"))
+    names = {"blind.pt": {"simulator": "pymunk", "observation": ["all"]},
+             "pendulum.pt": {"simulator": "Pendulum-v1"}}  # fmt: skip
+    for name, fits in names.items():
+        ppo.save_plain(Path(name), {**good, "fits": fits})
     Path("text.py").write_text("class Other: pass")
+    Path("leaves.py").write_text("import sys\nsys.exit()")
+    Path("old.py").write_text(PLANNER.replace("view)", "view, robots, measured)").format(line=""))
     for name in ("mine.py", "b/mine.py", "c/b/mine.py"):
         own_planner(name)
-    assert mention.replace("/", os.sep) in refused(capsys, *flags).replace("/", os.sep)
+    assert mention.replace("/", os.sep) in refused(*flags).replace("/", os.sep)
+
+
+def test_a_planner_may_be_called_like_a_module_of_python(short_trials):
+    own_planner("random.py")
+    call("--planner", own_planner("tempfile.py"), "--episodes", 1)
 
 
 @pytest.mark.parametrize(
@@ -773,10 +769,27 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, capsys, flags, men
         ("actions[0, 0] = -0.01", "must lie between 0 and 1"),
     ],
 )
-def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, line, rule):
+def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, monkeypatch, line, rule):
+    monkeypatch.setattr(sys, "path", sys.path[:])
     planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", line))
     with pytest.raises(ValueError, match=f"mine.py: actions .*{rule}"):
         evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
+
+
+def test_a_planner_that_ends_python_is_named(world, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", "raise SystemExit"))
+    with pytest.raises(RuntimeError, match="mine.py: .*exit"):
+        evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
+
+    class Broken:
+        shape = {"obs_dim": 20}
+
+        def decide(self, observation):
+            return np.full((len(observation), 6), np.nan)
+
+    with pytest.raises(ValueError, match="policy.pt: actions must be finite"):
+        evaluate.evaluate(evaluate.PolicyPlanner(Broken(), "policy.pt"), world, to([[0, 0, 0]]))
 
 
 @pytest.mark.parametrize("error", ["KeyError", "OSError", "ValueError", "SystemError"])
@@ -815,6 +828,9 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     plot_footsteps(walks, *rest)
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
+    assert {"python", "numpy", "torch", "pymunk", "processor"} == content["made_with"].keys()
+    pairs = {(row["planner"], row["reference"]) for row in content["ratios"]}
+    assert ("second", "baseline") in pairs, "not only the first policy is compared with all others"
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]
     assert [(row["planner"], row["noise"]) for row in content["rows"]] == [
         (name, False) for name in names
@@ -851,11 +867,7 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
 
 @pytest.mark.slow
 def test_gif_is_a_race_at_twice_its_speed(short_trials):
-    for when in ("start", "tenth"):
-        save_untrained(Path(f"results/pymunk/policy.{when}.pt"))
     call("--gif", "--episodes", 1)
-    with PIL.Image.open("out/learning.gif") as film:
-        assert film.n_frames > 6 and film.width > film.height * 2.5, "three robots side by side"
     frames, seconds = [], []
     with PIL.Image.open("out/animation.gif") as film:
         for picture in PIL.ImageSequence.Iterator(film):
@@ -872,50 +884,60 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
 @pytest.fixture
 def window(monkeypatch):
     """What --play takes for its window, and what a mouse and a keyboard do in it."""
-    (figure, axes), left = evaluate.plt.subplots(), iter(range(100))  # pictures
+    figure, axes = evaluate.plt.subplots()
 
     def do(kind, name, *what):
         figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
 
     def mouse(name, x, y):
-        place = axes.transData.transform(robot_model.camera()[1:, :2] @ (x, y))
+        place = axes.transData.transform(robot_model.camera_at()[1:, :2] @ (x, y))
         do(MouseEvent, f"button_{name}_event", *place, 1)
 
     monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
-    monkeypatch.setattr(evaluate.plt, "pause", lambda seconds: next(left))
     return figure, mouse, partial(do, KeyEvent, "key_press_event")
 
 
 def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatch):
-    world, worlds, (figure, mouse, key) = env.FootstepWorld(1), [], window
-    step, gain = world.step, world.engine.parameters.reflex
+    figure, mouse, key = window
+    worlds, plans, pictures, falls = [], [], itertools.count(), []
 
-    def keys_did(push, reflex):
-        assert (bool(world.push_chance), world.engine.parameters.reflex) == (push, reflex), (
-            "space is one push, r switches the reflex off and on again"
-        )
+    def make(*given, **settings):
+        worlds.append(env.FootstepWorld(*given, **settings))
+        run = worlds[0].simulator.run
+
+        def watched(robots, plan):
+            plans.append(plan)
+            motion = run(robots, plan)
+            return replace(motion, fell=motion.fell | bool(falls and falls.pop()))
+
+        monkeypatch.setattr(worlds[0].simulator, "run", watched)
+        return worlds[0]
 
     def goal_is(x, y, yaw, hint):
-        close(world.goal[0], [x, y, yaw], atol=1e-3, err_msg=hint)
+        close(worlds[0].goal[0], [x, y, yaw], atol=1e-3, err_msg=hint)
+
+    def did(push, reflex):
+        told = plans[-1].push.any(), plans[-1].reflex_gain.any()
+        assert told == (push, reflex), "space is one push, r switches the reflex off and on again"
 
     def story():  # every `yield` is a double step
+        (world,) = worlds
         assert world.friction[0] == 0.65, "--friction is there while playing, too"
-        yield
+        assert len(world.pose) == 1 and world.push == 0, "one robot, which nothing pushes by chance"
+        did(False, True)
         mouse("press", 0.4, 0.2)
         assert (world.variance == 1e12).all(), "what was estimated of the old goal is forgotten"
         mouse("release", 0.4, 0.5)
         goal_is(0.4, 0.2, math.pi / 2, "pressed: the place; dragged along +y: the toes point there")
-        keys_did(False, gain)
         for letter in " r":
             key(letter)
         yield
-        keys_did(True, 0)
+        did(True, False)
         key("r")
-        close(planner.measured, world.relative_goal([0]))
         yield
-        keys_did(False, gain)
+        did(False, True)
         turned = world.pose[0, 2]
-        assert turned > 0.1, "this test's robot should have turned"
+        assert turned > 0.05, "this test's robot should have turned"
         for name, *place in (
             ("press", -0.2, 0.1),
             ("release", -0.2, 0.1),
@@ -925,38 +947,35 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatc
             mouse(name, *place)
         goal_is(-0.2, 0.1, turned, "a click: as it is turned now; outside of the map: nothing")
         assert world.steps[0] == 3, "it walks in one go"
-        monkeypatch.setattr(
-            world,
-            "step",
-            lambda actions, robots: step(actions, robots) | {"fall": np.array([True])},
-        )
+        falls.append(True)
         yield
-        assert world.steps[0] == 0, "after a fall it begins anew"
-        assert np.isnan(planner.velocity).all(), "and so does the planner"
+        yield
+        assert world.steps[0] == 1, "after a fall it begins anew"
         goal_is(-0.2, 0.1, turned, "to the same goal")
         key("p")
-        yield
         yield
         assert figure.axes[0].get_title().startswith("policy, reflex on: "), "p: the next planner"
         evaluate.plt.close(figure)
         yield
-        pytest.fail("the window is closed, and it walks on")
 
-    class Player(evaluate.BaselinePlanner):
-        def act(self, view, robots, measured):
-            self.measured = measured
-            next(pictures)
-            return super().act(view, robots, measured)
+    told = story()
 
-    def act(self, view, robots, measured):
-        next(pictures)
-        return view.neutral_action[None]
+    def pause(seconds):  # seven pictures for a double step
+        if next(pictures) % 7 == 0:
+            next(told)
 
-    planner, pictures = Player(replace(OTHER, time_constant=0.0)), story()
-    monkeypatch.setattr(evaluate.PolicyPlanner, "act", act)
-    monkeypatch.setattr(evaluate, "load_planner", lambda path: planner)
-    monkeypatch.setattr(env, "FootstepWorld", lambda *given: worlds.append(given) or world)
+    monkeypatch.setattr(evaluate.plt, "pause", pause)
+    monkeypatch.setattr(
+        evaluate,
+        "make_world",
+        lambda args, count, **more: make(
+            count,
+            robot=replace(ROBOT, friction=args.friction),
+            spread=env.Spread(friction=0.0),
+            **more,
+        ),
+    )
+    settings = replace(OTHER, time_constant=0.0)
+    monkeypatch.setattr(evaluate, "load_planner", lambda path: evaluate.BaselinePlanner(settings))
     evaluate.main(["--play", "--friction", "0.65", "--push", "1e-9", "--planner", "mine.py"])
-    assert world.push == 1e-9, "--push is there while playing, too"
-    assert worlds == [(1, "pymunk", False)], "of one robot"
     assert not evaluate.plt.fignum_exists(figure.number), "the story did not come to its end"

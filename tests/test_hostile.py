@@ -2,9 +2,12 @@
 
 import io
 import json
+import multiprocessing
 import os
 import signal
+import subprocess
 import sys
+import time
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from importlib import import_module
@@ -13,6 +16,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
@@ -39,55 +43,129 @@ def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp
     for _ in range(8):
         seen, reward, *_ = envs.step(dice.random((8, 6)))
         assert np.isfinite(reward).all() and envs.observation_space.contains(seen)
-        assert np.isfinite(envs.world.pose).all() and np.isfinite(envs.world.tilt).all()
+        assert np.isfinite(envs.world.pose).all() and np.isfinite(envs.world.imu).all()
     envs.close()
     assert capfd.readouterr() == ("", ""), "a simulator wrote to the terminal"
     assert not list(tmp_path.iterdir()), "a simulator wrote a file"
 
 
 def test_any_console_is_enough(monkeypatch):
-    """A pipe on Windows has few letters. A notebook has no encoding; pythonw has no stderr."""
+    """A pipe on Windows has few letters; pythonw has neither stdout nor stderr."""
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), "ascii"))
-    robot_model.StageParser("").parse([])
-    print("α ± μ", flush=True)
+    robot_model.start(lambda: print("α ± μ", flush=True))
     assert sys.stdout.buffer.getvalue().split() == [b"?"] * 3
-    monkeypatch.setattr(sys, "stdout", io.StringIO())
+    monkeypatch.setattr(sys, "stdout", None)
     monkeypatch.setattr(sys, "stderr", None)
-    assert robot_model.StageParser("").parse([]).sim == "pymunk"
+    robot_model.start(lambda: print("said to nobody", tqdm([1], leave=False), file=sys.stderr))
 
 
 def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
-    errors = [KeyboardInterrupt(), BrokenProcessPool("a process died"), FileNotFoundError()]
+    errors = [
+        KeyboardInterrupt(),
+        BrokenProcessPool("a process died"),
+        robot_model.InputError("no such file"),
+        FileNotFoundError(),
+    ]
 
     def main():
         raise errors.pop(0)
 
     monkeypatch.setattr(sys, "argv", ["folder/stage.py"])
-    for said in ("interrupted", "a process died"):
+    for said in ("interrupted", "a process died", "no such file"):
         with pytest.raises(SystemExit) as stopped:
-            robot_model.run(main)
+            robot_model.start(main)
         assert (stopped.value.code, capsys.readouterr().err) == (2, f"\nstage.py: {said}\n")
     with pytest.raises(FileNotFoundError):  # an error of somebody's code keeps its traceback
-        robot_model.run(main)
+        robot_model.start(main)
 
 
-def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed(tmp_path, monkeypatch):
-    script = tmp_path / "mine.py"
-    script.write_text("from pathlib import Path\nPath(__file__).with_name('loaded').touch()")
-    monkeypatch.setattr(sys.modules["__main__"], "__file__", str(script))
-    monkeypatch.setattr(sys.modules["__main__"], "__spec__", None)
+def test_a_user_s_settings_of_matplotlib_do_not_rule_the_figures():
+    with robot_model.plt.rc_context({"text.usetex": True, "figure.figsize": (1, 1)}):
+        robot_model.start(lambda: None)
+        settings = robot_model.plt.rcParams
+        assert not settings["text.usetex"] and settings["axes.grid"]
+        assert robot_model.plt.get_backend().lower() == "agg", "drawn into files"
+
+
+def test_a_stage_leaves_the_figures_of_a_notebook_alone(tmp_path):
+    code = (
+        "import os, matplotlib\n"
+        "matplotlib.use('svg')\n"
+        "__import__('01_robot_model')\n"
+        "assert matplotlib.get_backend() == 'svg' and 'MPLBACKEND' not in os.environ\n"
+    )
+    bare = {name: value for name, value in os.environ.items() if name != "MPLBACKEND"}
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=bare, check=True)
+
+
+def children_since(before):
+    return [child for child in multiprocessing.active_children() if child not in before]
+
+
+def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed():
+    before = multiprocessing.active_children()
     envs = env.FootstepVectorEnv(2, cores=2)
     envs.reset(seed=0)
-    assert not (tmp_path / "loaded").exists(), "it may need seconds, or a guard: `if __name__ …`"
     if sys.platform != "win32":  # no process can be sent Ctrl-C alone there
-        for pool in envs.world.sim.pools:
-            for process in pool._processes.values():
-                os.kill(process.pid, signal.SIGINT)  # as the terminal does
+        for process in children_since(before):
+            os.kill(process.pid, signal.SIGINT)  # as the terminal does
     assert np.isfinite(envs.step(np.full((2, 6), 0.5))[1]).all()
     for close in (envs.close, envs.close, envs.world.close):  # again is harmless
         close()
+    assert not children_since(before)
     with pytest.raises(RuntimeError, match="shutdown"):
         envs.step(np.full((2, 6), 0.5))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
+def test_no_process_of_the_simulator_outlives_a_killed_parent(tmp_path):
+    """Also made in a thread, as by a server."""
+    script = tmp_path / "mine.py"
+    script.write_text(
+        "import multiprocessing, threading, time\n"
+        "from importlib import import_module\n"
+        "env = import_module('03_env')\n"
+        "def make():\n"
+        "    world = env.FootstepWorld(2, cores=2)\n"
+        "    pids = [child.pid for child in multiprocessing.active_children()]\n"
+        "    print(*pids, flush=True)\n"
+        "    time.sleep(60)\n"
+        "if __name__ == '__main__':\n"
+        "    thread = threading.Thread(target=make)\n"
+        "    thread.start()\n"
+        "    thread.join()\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, script],
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as process:
+        pids = [int(pid) for pid in process.stdout.readline().split()]
+        process.kill()
+    assert len(pids) == 2, "both processes have started"
+
+    def alive(pid):
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return False
+        state = Path(f"/proc/{pid}/stat")  # a zombie has ended, too
+        return not (state.exists() and state.read_text().split()[2] == "Z")
+
+    end = time.monotonic() + 2
+    while time.monotonic() < end and any(map(alive, pids)):
+        time.sleep(0.05)
+    assert not any(map(alive, pids)), "they live on"
+
+
+def test_who_stops_reading_gets_no_traceback():
+    command = f'"{sys.executable}" -u -c "{READ_ON}" | head -n 1'
+    done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+READ_ON = "import importlib as i; i.import_module('01_robot_model').start(lambda: [print(k) for k in range(10**5)])"
 
 
 def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):

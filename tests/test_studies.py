@@ -78,16 +78,16 @@ def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)
     planner, short = evaluate.BaselinePlanner(), replace(env.Task(), time_limit=2.6)  # [s]
     with common.world("pymunk", task=short) as world:
-        both = common.walks(planner, world, True, sets=2, first=5)
-        asked = evaluate.draw_trials(6, 3)
-        second = evaluate.evaluate(planner, world, asked, noise=True)
-        far = common.walks(planner, world, far=True, sets=1, first=5, friction=1.2)
+        both = common.walks(planner, world, sets=2, first=5)
+        second = evaluate.evaluate(planner, world, evaluate.draw_trials(6, 3))
         tuning = common.walks(planner, world, sets=1, first=5, purpose="tuning", per_set=2)
     assert len(both["time"]) == 6 and len(tuning["time"]) == 2
     for name in second:
         equal(both[name][3:], second[name], err_msg=name)
-    assert (far["friction"] == 1.2).all(), "friction is what was asked for"
     assert not np.isclose(tuning["friction"], both["friction"][:2]).any(), "other worlds"
+    with common.world("pymunk", num_robots=2, **kicks.ground(1.2)) as world:
+        world.reset([0, 1])
+        assert world.noise and (world.friction == 1.2).all(), "friction is what was asked for"
 
 
 def test_a_policy_is_compared_with_its_references(monkeypatch):
@@ -99,7 +99,6 @@ def test_a_policy_is_compared_with_its_references(monkeypatch):
             "time_once": np.full(3, seconds),
             "still_there": yes,
             "reached_once": yes,
-            "least": np.full(3, 1.0),
         }
 
     monkeypatch.setattr(common, "walks", walks)
@@ -139,7 +138,7 @@ def test_slow_noise_is_as_large_and_stays():
 def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch):
     met = []
     monkeypatch.setattr(common, "PER_SET", 1)
-    monkeypatch.setattr(common, "row_of", lambda ended, name, *_, far: {"planner": name})
+    monkeypatch.setattr(common, "row_of", lambda ended, name, far: {"planner": name})
     monkeypatch.setattr(
         common,
         "walks",
@@ -234,7 +233,7 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
         seen["gyro"] = np.empty((n, 0, 2))
         for _ in range(2):  # double steps
             disturb(trajectory, np.arange(n))
-            seen["gyro"] = np.concatenate([seen["gyro"], trajectory.gyro], 1)
+            seen["gyro"] = np.concatenate([seen["gyro"], trajectory.gyro_error], 1)
         torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
         torso[..., 0] += 0.001 * np.arange(torso.shape[1])
         torso[..., 2] += 0.004
@@ -246,7 +245,7 @@ def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
         fall[-plans::2] = count // 2  # every other random walk falls half-way
         return poses, wanted, fall
 
-    monkeypatch.setattr(walk_engine, "walk", fake)
+    monkeypatch.setattr(walk_engine, "walk_plans", fake)
     got, period = walk.measure("mujoco", p, seed=3), 0.6
     assert len(seen["footsteps"]) == 3 * rows + plans
     friction = seen["body"].friction
@@ -500,13 +499,18 @@ def lattice_planner(small_map, change, task=HERE):
     return search.Planner((STEPS, moves, search.steps_to_go(moves, task), change))
 
 
+def view(goal, limits=LIMITS, actions=None):
+    """What a planner sees of one robot with this goal [1, 3]."""
+    blank = dict.fromkeys(env.View.__dataclass_fields__) | {"goal": goal, "robots": np.array([0])}
+    return env.View(**blank | {"limits": limits, "actions": actions})
+
+
 def decision(planner, pose, last=0):
     """Which move it takes there after that one; pose [3] of the robot seen from the goal."""
     actions = env.to_action(STEPS, LIMITS)
-    view = env.View(0.62, LIMITS, None, np.stack([actions[[last]]] * 2, 1), None)
     goal = robot_model.relative(np.array([pose]), np.zeros(3))
     planner.reset(1)
-    (action,) = planner.act(view, np.array([0]), goal)
+    (action,) = planner.act(view(goal, actions=np.stack([actions[[last]]] * 2, 1)))
     return int(np.abs(actions - action).max(-1).argmin())
 
 
@@ -550,16 +554,10 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
     monkeypatch.setattr(common, "RESULTS", tmp_path)
     for wrote, read in zip(known, search.read_map(LIMITS)):
         close(read, wrote, atol=0.026, err_msg="V: in twentieths of a step")
-    for known, other in (
-        (env.LIMITS, replace(LIMITS, high=(0.17, 0.15, 0.6))),
-        (walk_engine.TUNED, replace(walk_engine.TUNED["pymunk"], reflex=0.04)),
-    ):
-        with monkeypatch.context() as patch:
-            patch.setitem(known, "pymunk", other)
-            view = env.View(0.62, env.LIMITS["pymunk"], None, None, None)
-            with pytest.raises(ppo.PolicyError, match="in the file, but .*(0.17|0.04)") as error:
-                search.Planner().act(view, np.array([0]), np.zeros((1, 3)))
-        assert len(str(error.value).splitlines()) == 1
+    limits = replace(LIMITS, high=(0.17, 0.15, 0.6))
+    with pytest.raises(robot_model.InputError, match="0.17.*search.py makes one") as error:
+        search.Planner().act(view(np.zeros((1, 3)), limits))
+    assert len(str(error.value).splitlines()) == 1
 
 
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
@@ -581,19 +579,63 @@ def test_tuning_tries_all_settings_of_planners_that_use_them(monkeypatch):
     tried, row = [], {"time": 7.0, "fall": 0.0, "timeout": 0.0, "still_there": 1.0}
     monkeypatch.setattr(baseline, "both", lambda world, values, *_: tried.append(values))
     monkeypatch.setattr(baseline, "facts", lambda ended: row)
-    for name in ("TOP", "CHANGE", "TOGETHER", "GAIN"):  # `expert_of` sets them: put them back
-        monkeypatch.setattr(baseline.expert, name, getattr(baseline.expert, name))
     baseline.optimise(None, tuple, baseline.START, row)
     assert tried[0] == baseline.START
     assert all(len(set(values)) > 100 for values in zip(*tried)), "one is not tuned"
-    carrot = baseline.carrot_of(tried[1])
-    assert vars(carrot.settings) == dict(zip(baseline.CARROT, tried[1])) | {"share": True}
-    world, goal = env.FootstepWorld(1, cores=1), np.ones((1, 3))
-    world.reset([0])
-    view = world.view([0], goal)
-    actions = []
+    planner = baseline.tuned_of(tried[1])
+    assert vars(planner.settings) == dict(zip(baseline.TUNED, tried[1])) | {"share": True}
+    world = env.FootstepWorld(1, cores=1)
+    world.reset([0], goals=[[1.0, 1.0, 1.0]])
+    seen, actions = world.look([0]), []
+    world.close()
     for values in (tried[1], tried[2]):
         planner = baseline.expert_of(values)
         planner.reset(1)
-        actions.append(planner.act(view, np.array([0]), goal))
+        actions.append(planner.act(seen))
     assert (actions[0] != actions[1]).any()
+
+
+def test_the_least_time_by_hand():
+    world = SimpleNamespace(
+        task=env.Task(),
+        limits=LIMITS,
+        engine=SimpleNamespace(period=0.6, beside=np.array([[0, 0.18, 0], [0, -0.18, 0]])),
+    )
+    # Seen from the other foot, a foot lands 0.18 m ahead, 0.18 + 0.15 m aside, 0.6 rad outward.
+    way = 2 * (0.18 * math.cos(0.3) + 0.33 * math.sin(0.3))  # [m] of a double step, toes out
+    turn = 0.60 + 0.40  # [rad]
+    goals = [
+        [0.04, 0, 0],
+        [3 * way + 0.04, 0, 0],
+        [0, 3 * way + 0.06, 0],
+        [0, 0, 2 * turn + 0.17],
+        [0, 0, -2 * turn - 0.18],
+        [0, -way - 0.06, 2 * turn + 0.18],
+    ]
+    close(
+        seeds.least_time(np.array(goals), world),
+        0.6 * np.array([1, 3, 4, 2, 3, 3]),
+        err_msg=("to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"),
+    )
+
+
+@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+def test_no_plan_is_faster_than_the_least_time(sim):
+    """The walk engine plans every extreme double step eight times in a row, and others at random.
+    The goal is where the trunk comes to, and farther on by the tolerance.
+    """
+    robots, limits = np.arange(512), env.LIMITS[sim]
+    engine = env.walk_engine.WalkEngine(512, env.walk_engine.TUNED[sim], planar=sim == "pymunk")
+    world = SimpleNamespace(task=env.Task(), limits=limits, engine=engine)
+    extreme = np.array([*itertools.product((0.0, 1.0), repeat=6)])  # [64, 6] actions
+    chosen = np.random.default_rng(0).integers(64, size=(8, 512))
+    chosen[:, :64] = np.arange(64)
+    start = engine.trunk[0, [0, 1, 5], 0].copy()
+    for steps, row in enumerate(chosen, 1):
+        trajectory, _ = engine.plan(env.to_footsteps(extreme[row], limits), robots)
+        goals = trajectory.trunk[:, -1, [0, 1, 5]] - start
+        goals[:, :2] *= 1 + 0.0499 / np.hypot(*goals.T[:2])[:, None]
+        goals[:, 2] += np.copysign(math.radians(9.99), goals[:, 2])
+        least = seeds.least_time(goals, world) / engine.period
+        assert least.max() <= steps + 1e-9, f"{extreme[row[least.argmax()]]} is faster"
+        assert least.max() == pytest.approx(steps), "some walk needs all of these double steps"

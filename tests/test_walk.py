@@ -163,18 +163,66 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             close(c[2], 0, atol=1e-5, err_msg="it passes unaccelerated")
 
 
+def standing(n):
+    """A WalkPlan of five ticks for n robots: nothing moves, and no foot has a reflex."""
+    joints, trunk = np.zeros((n, 6, 12)), np.zeros((n, 6, 6))
+    return walk_engine.WalkPlan(joints, trunk, *np.zeros((3, n, 5, 2)))
+
+
+def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
+    plan, robot = standing(1), replace(ROBOT, control_dt=0.01)
+    plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
+    plan.gyro_error[0] = [9, 9], [9, 9], [0.1, -0.2], [9, 9], [9, 9]
+    plan.reflex_gain[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
+    got = plan.feedback(robot, 2, 4, np.array([[0.5, 1.0]]))
+    assert got.shape == (1, 2, 12), "robots, ticks, joints"
+    # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
+    want = np.zeros((2, 12))
+    want[0, [5, 4]] = 0.05 * (0.6 - 0.2), 0.05 * (0.8 + 0.5)
+    want[1, [11, 10]] = 0.1 * (0.6 - 0.2), 0.1 * (0.8 + 0.5)
+    close(
+        got[0],
+        want,
+        atol=1e-7,
+        err_msg=(
+            "added = gain·(true rate + error of the gyro − planned rate): x to the roll, y to the "
+            "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"
+        ),
+    )
+    got = plan.feedback(robot, 2, 3, np.array([[0.5, 1.0]]))
+    close(
+        got[0, 0, [5, 4]],
+        [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)],
+        atol=1e-7,
+        err_msg=("planned rate = change of the lean / time: here it is a single tick"),
+    )
+
+
+def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
+    plan, limit = standing(3), walk_engine.REFLEX_LIMIT
+    plan.reflex_gain[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
+    got = plan.feedback(ROBOT, 0, 2, np.array([[7, 99], [-99, 0], [1.0, 99]]))
+    want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
+    close(
+        got[..., [5, 4, 11, 10]],
+        np.tile(want[:, None], (2, 2)),
+        atol=1e-7,
+        err_msg=("what is ADDED is limited, to either side; not the rate"),
+    )
+
+
 @BOTH
 def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
     engine = make_engine(sim)
     trajectory, feet = engine.plan(np.array([[[0.08, 0, 0.1], [0.08, 0, 0]]]), [0])
-    gain, half = trajectory.support[0], engine.parameters.half_ticks
+    gain, half = trajectory.reflex_gain[0], engine.parameters.half_ticks
     for first in (0, half):  # two single steps; each of them begins with a double support
         swing = feet[0, first : first + half, :, 2].max(0).argmax()
         here = gain[first : first + half]
         equal(here[:, swing], 0, err_msg="the ankle of a foot in the air would only kick")
         equal(here[:, 1 - swing], engine.parameters.reflex, err_msg="this one stands all the time")
     trajectory.push[:] = 1
-    assert not trajectory.gyro.any(), "whoever writes pushes into the plan changes the gyro"
+    assert not trajectory.gyro_error.any(), "whoever writes pushes into the plan changes the gyro"
 
 
 @BOTH
@@ -286,7 +334,7 @@ def test_it_walks_what_is_commanded(sim):
         },
     )
     plans = [[test[:2]] * count for test in tests.values()]
-    poses, wanted, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans)
+    poses, wanted, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans)
     assert not poses[:, 0].any() and not wanted[:, 0].any(), "all of them begin at the origin"
     for what, (left, right, axis), got, goal, end in zip(
         tests, tests.values(), poses[:, -1], wanted[:, -1], fall
@@ -307,7 +355,7 @@ def test_it_walks_what_is_commanded(sim):
 def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     gentle, wild = np.tile([0.05, 0, 0.1], (5, 2, 1)), np.tile([0.4, 0, 0], (5, 2, 1))
     wild[0] = 0
-    seen, asked, walk = [], [], partial(walk_engine.walk, sim, walk_engine.TUNED[sim])
+    seen, asked, walk = [], [], partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim])
     poses, wanted, fall = walk(
         [gentle, wild, gentle],
         disturb=lambda _, robots: asked.append(robots.tolist()),
@@ -335,13 +383,24 @@ def test_on_ice_a_curve_gets_less_far_and_turns_less(sim):
         np.zeros((10, 12)),
         np.zeros(10, int),
     )
-    poses, wanted, _ = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body)
+    poses, wanted, _ = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body)
     turned = (poses[:, -1, 2] / wanted[:, -1, 2]).reshape(2, 5).mean(1)
     steps = np.diff(poses[..., :2], axis=1)
     way = np.hypot(steps[..., 0], steps[..., 1]).sum(1).reshape(2, 5).mean(1)
     assert turned[0] == pytest.approx(1.0, abs=0.15), f"{turned[0]:.2f} of the turn: feet scuff?"
     assert turned[1] < 0.6, f"{turned[1]:.2f} of the turn on ice: does the Body reach the walk?"
     assert way[1] < 0.85 * way[0], f"{way[1]:.2f} m on ice, {way[0]:.2f} m on firm ground"
+
+
+def test_the_mass_sways_less_than_an_inverted_pendulum_would():
+    engine = make_engine("mujoco")
+    for _ in range(2):
+        plan, _ = engine.plan(np.array([[[0.08, 0, 0], [0.08, 0, 0]]]), [0])
+    centre = robot_model.centre_of_mass(ROBOT, plan.trunk[0], plan.joints[0])  # [T + 1, 3]
+    share = np.ptp(centre[:, 1]) / engine.parameters.foot_distance
+    assert share == pytest.approx(0.21, abs=0.005), "the docstring of stage 2 says 0.21"
+    pendulum = 1 - 1 / np.cosh(np.sqrt(ROBOT.gravity / centre[:, 2].mean()) * engine.period / 4)
+    assert pendulum == pytest.approx(0.257, abs=0.01), "and this is what the pencil gives"
 
 
 @BOTH

@@ -173,8 +173,18 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     assert len(words.splitlines()) <= 15, "the hints come last, and in a few lines"
 
 
+def test_who_skips_or_exits_gets_no_stars_and_the_others_keep_theirs(tmp_path):
+    folder = submission(tmp_path / "bob", compose='import pytest\npytest.skip("later")')
+    (folder / "05_evaluate.py").write_text("import sys\nsys.exit()\n", encoding="utf-8")
+    words = last_words(grade(folder, "-k", "wrap or compose or low_pass"))
+    assert re.search(r"compose ★: 0 of \d tests pass", words), words
+    assert "wrap ★: solved" in words
+    assert re.search(r"low_pass ★: 0 of \d tests pass\n  - .*ends Python", words), words
+    assert "bob: 1 of 3 exercises solved, 1 of 3 stars" in words
+
+
 def test_the_command_of_the_sheets_works_word_for_word_from_the_root():
-    done = run(*shlex.split(workbook.command("wrap", "tests/exercises"))[1:])
+    done = run(*shlex.split(workbook.command("wrap", ROOT / "tests" / "exercises"))[1:])
     assert "wrap ★: not handed in, there is no 01_robot_model.py" in last_words(done)
 
 

@@ -11,22 +11,28 @@ It commands how far the robot moves in a double step, (x, y, turn), and uses fou
 4. Both feet share a way sideways and a turn, each in proportion to its limit.
 """
 
+from dataclasses import dataclass
 from importlib import import_module
 
 import numpy as np
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
-# Tuned in 3-D by `tests/studies/baseline.py --only expert`, 2026-11-24.
-TOP = np.array([0.8834, 0.5692, 0.7555])  # largest command, share of the limits: x, y, turn
-CHANGE = np.array([0.7722, 0.6304, 0.7356])  # its largest change, likewise, in a double step
-TOGETHER = 1.4374  # largest sum of the three shares
-GAIN = 0.9277  # share of the way that is left, near the goal
 FACING = (None, (0.3, 0.0), (0.6, 0.0), (0.3, np.pi), (0.6, np.pi))  # until [m], turned by [rad]
 HORIZON = 25  # double steps that are rolled out
 
 
-def law(rest, last, facing, limits):
+@dataclass(frozen=True)
+class Settings:
+    """Tuned in 3-D by `tests/studies/baseline.py --only expert`, 2026-11-24."""
+
+    top: tuple = (0.8834, 0.5692, 0.7555)  # largest command, share of the limits: x, y, turn
+    change: tuple = (0.7722, 0.6304, 0.7356)  # its largest change, likewise, in a double step
+    together: float = 1.4374  # largest sum of the three shares
+    gain: float = 0.9277  # share of the way that is left, near the goal
+
+
+def law(rest, last, facing, limits, settings):
     """The next command [n, 3] for goals seen from where the robot comes to rest [n, 3]."""
     low, high = np.array(limits.low), np.array(limits.high)
     largest = np.array([2 * high[0], high[1] - low[1], high[2] - low[2]])  # of a double step
@@ -38,13 +44,13 @@ def law(rest, last, facing, limits):
         error[:, 2] = np.where(d > until, beta - turned, rest[:, 2])
     error[:, 2] = env.wrap(error[:, 2])
     # v, v − a, v − 2a, … add up to the way that is left: v = (−a + √(a² + 8·a·way)) / 2
-    a = CHANGE * largest
-    way = GAIN * np.abs(error)
+    a = settings.change * largest
+    way = settings.gain * np.abs(error)
     speed = np.minimum(way, (-a + np.sqrt(a**2 + 8 * a * way)) / 2)
-    wanted = np.clip(np.sign(error) * speed, TOP * smallest, TOP * largest)
+    wanted = np.clip(np.sign(error) * speed, settings.top * smallest, settings.top * largest)
     wanted = np.clip(wanted, last - a, last + a)
     share = np.abs(wanted) / np.where(wanted > 0, largest, -smallest)
-    return wanted * np.minimum(1, TOGETHER / np.maximum(share.sum(1), 1e-9))[:, None]
+    return wanted * np.minimum(1, settings.together / np.maximum(share.sum(1), 1e-9))[:, None]
 
 
 def footsteps(command, limits):
@@ -61,17 +67,20 @@ def footsteps(command, limits):
 class Planner:
     """See above; it remembers its last command."""
 
+    def __init__(self, settings=Settings()):
+        self.settings = settings
+
     def reset(self, num_robots):
         self.last = np.zeros((num_robots, 3))
 
-    def act(self, view, robots, measured):
+    def act(self, view):
         step = env.to_footsteps(view.actions[:, 0], view.limits)[:, 1] * [1, -1, -1]
-        rest, last = robot_model.relative(step / 2, measured), self.last[robots]
-        soonest, chosen = np.full(len(robots), np.inf), last
+        rest, last = robot_model.relative(step / 2, view.goal), self.last[view.robots]
+        soonest, chosen = np.full(len(last), np.inf), last
         for facing in FACING:
             goal, command, first, time = rest, last, None, 0.0
             for _ in range(HORIZON):
-                command = law(goal, command, facing, view.limits)
+                command = law(goal, command, facing, view.limits, self.settings)
                 first = command if first is None else first
                 # Time until it is near, and a fraction of a double step for what is left then.
                 left = np.hypot(goal[:, 0], goal[:, 1]) / 0.15 + np.abs(env.wrap(goal[:, 2])) / 0.5
@@ -79,5 +88,5 @@ class Planner:
                 goal = robot_model.relative(command, goal)
             chosen = np.where((time < soonest)[:, None], first, chosen)
             soonest = np.minimum(soonest, time)
-        self.last[robots] = chosen
+        self.last[view.robots] = chosen
         return env.to_action(footsteps(chosen, view.limits), view.limits)

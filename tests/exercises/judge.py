@@ -10,18 +10,19 @@ to runs/contest/. Only --episodes 500, the default, counts. Without a file: the 
 as shipped in results/.
 """
 
-import csv
 import json
 import os
 import subprocess
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
+import common
+from common import ROOT, env, evaluate, robot_model
+
 FIELD = ("policy", "baseline_tuned")  # they take part in every contest
 PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
 STAYS = 0.7  # least share of the successes that is still there
@@ -39,29 +40,25 @@ def points(rows):
 
 
 def interval(rows):
-    """The 95 % interval of the points: draw as many walks again, with replacement, 2,000 times."""
-    rng, drawn = np.random.default_rng(0), np.zeros(2000)
-    for row in rows:
-        ended, time = np.array(row["walks"]).T  # [walks] outcome, seconds
-        pick = rng.integers(len(ended), size=(2000, len(ended)))  # [2000, walks]
-        reached, time = ended[pick] == "success", time.astype(float)[pick]
-        seconds = (time * reached).sum(1) / np.maximum(reached.sum(1), 1)
-        drawn += (
-            seconds
-            + PER_FALL * (ended[pick] == "fall").mean(1)
-            + PER_TIMEOUT * (ended[pick] == "timeout").mean(1)
-        ) / len(rows)
-    return np.percentile(drawn, [2.5, 97.5])
+    """The 95 % interval of the points: a near walk and the far one in the same world are drawn
+    together, see `bootstrap` of stage 5."""
+
+    def drawn(*samples):
+        total = 0
+        for outcome, time in zip(samples[::2], samples[1::2]):  # [2000, walks] each
+            reached = outcome == "success"
+            total = total + (time * reached).sum(1) / np.maximum(reached.sum(1), 1)
+            total = total + PER_FALL * (outcome == "fall").mean(1)
+            total = total + PER_TIMEOUT * (outcome == "timeout").mean(1)
+        return total / len(rows)
+
+    return evaluate.bootstrap(drawn, *(np.array(sample) for row in rows for sample in row["walks"]))
 
 
 def ranking(found):
     """Lines of Markdown for rows {planner: near, far, and perhaps far with pushes}, best first."""
     scores = {name: points(rows[:2]) for name, rows in found.items()}
-    lines = [
-        "| planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
-        "| falls when pushed | points [95 % interval] |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
+    lines = []
     for name in sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)):
         calm, pushed = found[name][:2], found[name][2:]
         cells = [f"`{name}`"]
@@ -75,52 +72,47 @@ def ranking(found):
         else:
             low, high = interval(calm)
             cells.append(f"{scores[name]:.1f} [{low:.1f}, {high:.1f}]")
-        lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+        lines.append(" | ".join(cells))
+    head = (
+        "planner | near: time, falls, time-outs | far: time, falls, time-outs | still there "
+        "| falls when pushed | points [95 % interval]"
+    )
+    return evaluate.markdown(head, lines)
 
 
 def noisy(folder):
-    """Rows with noise by planner, of an evaluation.json; each with its walks: outcome, seconds."""
-    found, walks = {}, {}
-    with open(folder / "trials.csv", encoding="utf-8", newline="") as file:
-        for walk in csv.DictReader(file):
-            key = walk["planner"], walk["noise"] == "yes", float(walk["goal_std_m"])
-            walks.setdefault(key, []).append((walk["outcome"], walk["time"]))
-    for row in json.loads((folder / "evaluation.json").read_text(encoding="utf-8"))["rows"]:
+    """Rows with noise by planner, of an evaluation.json; each with its walks: outcomes, seconds."""
+    found, walks = {}, common.read_trials(folder / "trials.csv")
+    for row in common.read_json(folder / "evaluation.json")["rows"]:
         if row["noise"]:
-            row["walks"] = walks[row["planner"], True, row["goal_std_m"]]
-            found.setdefault(row["planner"], []).append(row)
+            own = walks[row["planner"], True, row["goal_std_m"]]
+            walked = {"walks": [own["outcome"], own["time"]]}
+            found.setdefault(row["planner"], []).append(row | walked)
     return found
 
 
-def walk(name, seed, episodes):
+def rows_of(name, seed, episodes):
     """In a process of its own: the rows of a planner, as `noisy` has them; name: a file, or one of
     the field.
     """
-    sys.path.append(str(ROOT))  # the stages
     os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
-    evaluate = import_module("05_evaluate")
-    env = evaluate.env
     if name in FIELD:
         shipped = ROOT / "results" / "mujoco" / "policy.pt"
-        planner = evaluate.choose_planners("mujoco", [shipped])[0][name]
+        with common.world("mujoco", num_robots=1) as world:
+            planner = evaluate.choose_planners(world, [shipped])[0][name]
     else:
         planner = evaluate.load_planner(Path(name))
-    world, rows = env.FootstepWorld(episodes, "mujoco", noise=True), []
+    rows = []
     for far, push in ((False, 0.0), (True, 0.0), (True, PUSH)):
-        world.push = push
-        ended = evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far), True)
+        with common.world("mujoco", num_robots=episodes, push=push) as world:
+            ended = evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far))
         row = evaluate.summary(name, True, None, ended, env.Task())
-        row["walks"] = list(zip(ended["outcome"].tolist(), ended["time"].tolist()))
-        rows.append(row)
-    world.close()
+        rows.append(row | {"walks": [ended["outcome"].tolist(), ended["time"].tolist()]})
     return rows
 
 
 def plot(found, path):
     """Points as bars, with their intervals; the best on top."""
-    sys.path.append(str(ROOT))
-    robot_model = import_module("01_robot_model")
     plt = robot_model.plt
     scores = {name: points(rows[:2]) for name, rows in found.items()}
     names = sorted(found, key=lambda name: scores[name] or np.inf)[::-1]
@@ -150,7 +142,7 @@ def main():
     parser.add_argument("--walk", metavar="PLANNER", help="used by the judge itself")
     args = parser.parse_args()
     if args.walk:
-        rows = walk(args.walk, args.seed, args.episodes)
+        rows = rows_of(args.walk, args.seed, args.episodes)
         args.files[0].write_text(json.dumps(rows), encoding="utf-8")
         return
     files = []

@@ -15,6 +15,7 @@ import numpy as np
 import torch
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
+import common
 from common import env, evaluate, robot_model, walk_engine
 
 
@@ -53,22 +54,22 @@ def reflex(sim):
     forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
     bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
     offset = dice.uniform(-env.Spread().gyro, env.Spread().gyro, (96, 1, 2))  # [rad/s]
-    force = robot_model.RobotModel().torso.mass * 0.4 / 0.05  # [N] by 0.4 m/s in 50 ms
+    force = walk_engine.push_force(robot_model.RobotModel(), 0.4)  # [N]
 
     def standing(gain, steps, force):
         rng = np.random.default_rng(1)  # the same errors and pushes for every gain
 
-        def disturb(trajectory, robots):
-            _, ticks, _ = trajectory.gyro.shape
+        def disturb(plan, robots):
+            _, ticks, _ = plan.gyro_error.shape
             noise = rng.normal(size=(96, ticks, 2))
-            trajectory.gyro[:] = (offset + task.imu_rad_s * noise)[robots]
+            plan.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
             first, way = rng.integers(ticks - 4, size=96), rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
                 push = force * np.cos(way[i]), force * np.sin(way[i])
-                trajectory.push[row, first[i] : first[i] + 5] = push
+                plan.push[row, first[i] : first[i] + 5] = push
 
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
-        _, _, fall = walk_engine.walk(sim, parameters, steps, bodies, disturb)
+        _, _, fall = walk_engine.walk_plans(sim, parameters, steps, bodies, disturb)
         return np.mean(fall == 8)
 
     for gain in (0.0, 0.05, 0.1, 0.2):
@@ -81,16 +82,18 @@ def reflex(sim):
 def joints(sim):
     """Falls and times in 500 far walks with noise, if less is drawn than in the training."""
     trials, nothing = evaluate.draw_trials(0, 500, far=True), env.Spread(0, 0, 0, 0, 0, 0)
-    policy, _ = evaluate.load_policy(evaluate.find(sim), sim)
-    planners = {"policy": policy, "tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim])}
+    planners = {
+        "policy": common.policy(evaluate.default_policy(sim), sim),
+        "tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
+    }
     for title, spread in {
         "as trained": env.Spread(),
         "no friction": env.Spread(stiction=0.0),
         "nothing drawn": nothing,
     }.items():
-        world = env.FootstepWorld(500, sim, spread=spread)
+        world = env.FootstepWorld(500, sim, noise=True, spread=spread)
         for name, planner in planners.items():
-            ended = evaluate.evaluate(planner, world, trials, noise=True)
+            ended = evaluate.evaluate(planner, world, trials)
             reached = ended["outcome"] == "success"
             print(
                 f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
@@ -101,18 +104,18 @@ def joints(sim):
 
 def filter_(sim):
     """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
-    trials, world = evaluate.draw_trials(0, 100), env.FootstepWorld(100, sim)
+    trials = evaluate.draw_trials(0, 100)
     for noise in (False, True):
-        for tau in (0.0, 1.0, 3.0):
-            settings = evaluate.BaselineSettings(time_constant=tau)
-            ended = evaluate.evaluate(evaluate.BaselinePlanner(settings), world, trials, noise)
-            reached = ended["outcome"] == "success"
-            print(
-                f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
-                f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still there "
-                f"{ended['still_there'][reached].mean():.2f}"
-            )
-    world.close()
+        with common.world(sim, num_robots=100, noise=noise) as world:
+            for tau in (0.0, 1.0, 3.0):
+                planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(time_constant=tau))
+                ended = evaluate.evaluate(planner, world, trials)
+                reached = ended["outcome"] == "success"
+                print(
+                    f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
+                    f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still "
+                    f"there {ended['still_there'][reached].mean():.2f}"
+                )
 
 
 EXPERIMENTS = {
@@ -125,11 +128,11 @@ EXPERIMENTS = {
 
 
 def main():
-    parser = robot_model.StageParser(__doc__)
+    parser = robot_model.stage_parser(__doc__)
     parser.add_argument("name", choices=EXPERIMENTS)
-    args = parser.parse()
+    args = parser.parse_args()
     EXPERIMENTS[args.name](args.sim)
 
 
 if __name__ == "__main__":  # the simulator's worker processes import this file again
-    main()
+    robot_model.start(main)

@@ -7,9 +7,10 @@ choices: what else could be shipped; chosen on these walks of the tuning stream,
 """
 
 import multiprocessing
+import threading
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import closing
 from dataclasses import replace
+from functools import partial
 from itertools import product
 
 import common
@@ -64,7 +65,7 @@ VARIANTS = {  # name: what differs from the reference
 class ModePlanner(evaluate.PolicyPlanner):
     """Decides by the mode of the distribution; the sharpness k does not change it."""
 
-    def act(self, view, robots, measured):
+    def act(self, view):
         seen = torch.as_tensor(view.observation[:, : self.columns])
         with torch.no_grad():
             return self.model.policy(seen).mode.numpy()
@@ -80,12 +81,10 @@ CHOICES = {  # name: what differs from the shipped trainings, and the training s
 
 def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
-    with closing(env.FootstepWorld(GOALS // 2, sim, cores=1)) as world:
-        if not reflex:
-            common.set_reflex(world, 0.0)
+    walk = None if reflex else common.without_reflex(sim)
+    with common.world(sim, num_robots=GOALS // 2, walk=walk, cores=1) as world:
         parts = [
-            common.walks(planner, world, True, far, sets=1, per_set=GOALS // 2)
-            for far in (False, True)
+            common.walks(planner, world, far, sets=1, per_set=GOALS // 2) for far in (False, True)
         ]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
 
@@ -96,19 +95,22 @@ def learn(sim, name, seed, steps, folder, cores=None):
     task = replace(env.Task(), **variant.get("task", {}))
     imu = variant.get("imu", False)
 
-    def make_envs(num_envs):
-        envs = env.FootstepVectorEnv(
-            num_envs, sim, True, imu, staggered=True, task=task, cores=cores
-        )
-        if "reflex" in variant:
-            common.set_reflex(envs.world, 0.0)
-        return envs
-
+    walk = common.without_reflex(sim) if "reflex" in variant else None
+    make_envs = partial(
+        env.FootstepVectorEnv,
+        sim=sim,
+        noise=True,
+        imu=imu,
+        staggered=True,
+        task=task,
+        walk=walk,
+        cores=cores,
+    )
     config = ppo.PPOConfig(**variant.get("config", {}))
     model, _ = ppo.train(
         config, make_envs, folder, steps, seed, make_model=variant.get("model", ppo.ActorCritic)
     )
-    return evaluate.PolicyPlanner(model, imu)
+    return evaluate.PolicyPlanner(model)
 
 
 def ablate(sim, name, seed):
@@ -118,11 +120,16 @@ def ablate(sim, name, seed):
     return {"variant": name, "seed": seed, **judged(planner, sim, "reflex" not in VARIANTS[name])}
 
 
+def watch_parent():
+    """First call in a process: it ends when the one that started it is gone."""
+    threading.Thread(target=robot_model.end_with_parent, daemon=True).start()
+
+
 def study_ablations(args):
     """As many trainings at a time as there are cores."""
     jobs = list(product([args.sim], VARIANTS, FEW))
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(robot_model.CORES, context) as pool:
+    with ProcessPoolExecutor(robot_model.CORES, context, watch_parent) as pool:
         rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
@@ -137,19 +144,17 @@ def long_row(sim, name, seed, far, push, **which):
             learn(sim, name, seed, ppo.STEPS, folder)
     model, _ = ppo.load_policy(folder / "policy.pt")
     log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
-    planner = variant.get("planner", evaluate.PolicyPlanner)(model, variant.get("imu", False))
-    with common.world(sim) as world:
-        world.push = push  # [m/s]
-        if "reflex" in variant:
-            common.set_reflex(world, 0.0)
-        ended = common.walks(planner, world, True, far, **which)
+    planner = variant.get("planner", evaluate.PolicyPlanner)(model)
+    walk = common.without_reflex(sim) if "reflex" in variant else None
+    with common.world(sim, push=push, walk=walk) as world:
+        ended = common.walks(planner, world, far, **which)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
     return {
         "variant": name,
         "push": push,
         "seed": seed,
         "critic": round(critic, 3),
-        **common.row_of(ended, "policy", True, far),
+        **common.row_of(ended, "policy", far),
     }
 
 
@@ -199,4 +204,4 @@ def plot(found, sim):
 
 
 if __name__ == "__main__":
-    common.run("ablations")
+    common.start("ablations")

@@ -1,8 +1,8 @@
 """How good can planners get that do not learn? All their settings optimised, by one method.
 
-    python tests/studies/baseline.py [--mujoco] [--only carrot | expert] [--out FOLDER]
+    python tests/studies/baseline.py [--mujoco] [--only baseline_tuned | expert] [--out FOLDER]
 
-carrot: the paper's baseline; both feet share its steps. expert: `tests/exercises/expert.py`.
+baseline_tuned: the paper's baseline; both feet share its steps. expert: `tests/exercises/expert.py`.
 Cross-entropy method on the logarithms of eight settings. Where it ends, the settings in use, and
 the best candidates walk to 2,000 other goals; `choose` decides.
 """
@@ -27,28 +27,26 @@ LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's;
 MAX_FALLS = 0.005  # share of the walks
 LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
 Settings = evaluate.BaselineSettings
-CARROT = [entry.name for entry in fields(Settings) if entry.name != "share"]
+TUNED = [entry.name for entry in fields(Settings) if entry.name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
-START = (0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25)  # of the carrot, from first trials in 3-D
+START = (0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25)  # of it, from first trials in 3-D
 
 
-def carrot_of(values):
-    """The paper's controller with these settings, in the order of CARROT."""
+def tuned_of(values):
+    """The paper's controller with these settings, in the order of TUNED."""
     return evaluate.BaselinePlanner(Settings(*values, share=True))
 
 
 def expert_of(values):
-    """The expert with these constants, in the order of EXPERT; there is one at a time."""
-    expert.TOP, expert.CHANGE = np.array(values[:3]), np.array(values[3:6])
-    expert.TOGETHER, expert.GAIN = values[6:]
-    return expert.Planner()
+    """The expert with these settings, in the order of EXPERT."""
+    return expert.Planner(expert.Settings(tuple(values[:3]), tuple(values[3:6]), *values[6:]))
 
 
 def both(world, planner, first, sets, per_set=None):
     """Near and far walks of the tuning together, with noise."""
     return common.together(
         [
-            common.walks(planner, world, True, far, sets, first, per_set, purpose="tuning")
+            common.walks(planner, world, far, sets, first, per_set, purpose="tuning")
             for far in (False, True)
         ]
     )
@@ -138,32 +136,35 @@ def searched(world, planner_of, names, start, now, paper):
     }
 
 
-def study_carrot(args):
+def study_tuned(args):
     """The settings TUNED of stage 05."""
-    now = [getattr(evaluate.TUNED[args.sim], name) for name in CARROT]
+    now = [getattr(evaluate.TUNED_BASELINE[args.sim], name) for name in TUNED]
     with common.world(args.sim) as world:
         paper = final(world, evaluate.BaselinePlanner(Settings()))
-        return searched(world, carrot_of, CARROT, START, now, paper)
+        return searched(world, tuned_of, TUNED, START, now, paper)
 
 
 def study_expert(args):
     """The constants of the expert; they are those of 3-D."""
-    now = [*expert.TOP.tolist(), *expert.CHANGE.tolist(), expert.TOGETHER, expert.GAIN]
-    paper = common.read_json(RESULTS / args.sim / "studies/baseline.json")["carrot"]["paper"]
+    settings = expert.Settings()
+    now = [*settings.top, *settings.change, settings.together, settings.gain]
+    paper = common.read_json(RESULTS / args.sim / "studies/baseline.json")["baseline_tuned"][
+        "paper"
+    ]
     with common.world(args.sim) as world:
         return searched(world, expert_of, EXPERT, now, now, paper)
 
 
-PARTS = {"carrot": study_carrot, "expert": study_expert}
+PARTS = {"baseline_tuned": study_tuned, "expert": study_expert}
 
 
 def table(found, sim):
-    """The finalists; of the carrot also the paper's settings."""
+    """The finalists; of it also the paper's settings."""
     text = ""
-    for part, names in (("carrot", CARROT), ("expert", EXPERT)):
+    for part, names in (("baseline_tuned", TUNED), ("expert", EXPERT)):
         if part in found:
             paper = {"settings": asdict(Settings()), "chosen": "paper", **found[part]["paper"]}
-            first = [paper] * (part == "carrot")
+            first = [paper] * (part == "baseline_tuned")
             columns = dict.fromkeys(names, 2) | {
                 "fall": 4,
                 "timeout": 4,
@@ -179,4 +180,4 @@ def table(found, sim):
 
 
 if __name__ == "__main__":
-    common.run("baseline")
+    common.start("baseline")

@@ -8,9 +8,9 @@ A finished part is written before the next one begins; --only measures one part 
 """
 
 import contextlib
+import csv
 import json
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -34,48 +34,29 @@ PER_SET = 500  # goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
 
-class StudyParser(robot_model.StageParser):
-    """The flags of every study; errors are one line with exit code 2, as in the stages."""
-
-    def __init__(self, study):
-        self.study = study
-        ArgumentParser.__init__(
-            self, description=study.__doc__, formatter_class=RawDescriptionHelpFormatter
-        )
-        self.add_argument(
-            "--mujoco",
-            dest="sim",
-            action="store_const",
-            const="mujoco",
-            default="pymunk",
-            help="3-D instead of the sagittal plane",
-        )
-        self.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/studies/")
-
-    def start(self, argv=None):
-        """The arguments; says how long the study takes."""
-        args = self.parse(argv)
-        args.out = self.folder(args, Path("runs", args.sim, "studies"))
-        print(f"{self.study.__name__}, {args.sim}: {self.study.DURATION}", flush=True)
-        return args
+def arguments(study, argv=None, **flags):
+    """The arguments of a study; flags: {name: those of `add_argument`}. Says how long it takes."""
+    parser = robot_model.stage_parser(study.__doc__)
+    for name, flag in flags.items():
+        parser.add_argument(f"--{name}", **flag)
+    args = parser.parse_args(argv)
+    args.out = robot_model.output_folder(args, args.sim, "studies")
+    print(f"{study.__name__}, {args.sim}: {study.DURATION}", flush=True)
+    return args
 
 
 def main(name, argv=None):
     """The command line of a study; it is imported by its name, as its own processes do."""
     study = import_module(name)
-    parser = StudyParser(study)
-    parser.add_argument("--only", choices=study.PARTS, help="measure this part, leave the others")
-    args = parser.start(argv)
-    try:
-        for part in [args.only] if args.only else study.PARTS:
-            publish(study, part, args)
-    except ppo.PolicyError as error:
-        parser.error(str(error))
+    only = {"choices": study.PARTS, "help": "measure this part, leave the others"}
+    args = arguments(study, argv, only=only)
+    for part in [args.only] if args.only else study.PARTS:
+        publish(study, part, args)
 
 
-def run(name):
+def start(name):
     """What a study does as a script."""
-    robot_model.run(lambda: main(name))
+    robot_model.start(lambda: main(name))
 
 
 def publish(study, part, args):
@@ -132,7 +113,8 @@ HEADS = {
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
     head = [HEADS.get(key, key.replace("_", " ")) for key in columns]
-    return markdown(head, [[cell(row, *column) for column in columns.items()] for row in rows])
+    lines = [" | ".join(cell(row, *column) for column in columns.items()) for row in rows]
+    return evaluate.markdown(" | ".join(head), lines)
 
 
 def sections(found, columns):
@@ -142,14 +124,6 @@ def sections(found, columns):
         for part in columns
         if part in found
     )
-
-
-def markdown(head, rows):
-    """A table in Markdown, columns aligned."""
-    cells = [head, ["---"] * len(head), *rows]
-    widths = [max(map(len, column)) for column in zip(*cells)]
-    lines = [" | ".join(map(str.ljust, line, widths)) for line in cells]
-    return "".join(f"| {line} |\n" for line in lines)
 
 
 def cell(row, key, digits):
@@ -177,44 +151,35 @@ def opponents(sim):
     """The planners of README's table that do not learn, by name."""
     return {
         "baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
-        "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED[sim]),
+        "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
         "search": evaluate.load_planner(ROOT / "tests" / "studies" / "search.py"),
     }
 
 
 def policy(path, sim):
     """The planner of a policy file."""
-    return evaluate.load_policy(path, sim)[0]
+    with world(sim, num_robots=1, cores=1) as one:
+        return evaluate.load_policy(path, one)[0]
 
 
-def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, **settings):
+def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, **settings):
     """`with` it: a FootstepWorld for `walks`."""
-    return contextlib.closing(kind(num_robots, sim, **settings))
+    return contextlib.closing(kind(num_robots, sim, noise, **settings))
 
 
-def set_reflex(world, gain):
-    """From now on the ankles answer the gyro with this gain [s]; 0: not at all."""
-    world.engine.parameters = replace(world.engine.parameters, reflex=gain)
+def without_reflex(sim, gain=0.0):
+    """The walk whose ankles answer the gyro with this gain [s]; 0: not at all."""
+    return replace(walk_engine.TUNED[sim], reflex=gain)
 
 
-def walks(
-    planner,
-    world,
-    noise=True,
-    far=False,
-    sets=4,
-    first=1,
-    per_set=None,
-    friction=np.nan,
-    purpose="evaluation",
-):
+def walks(planner, world, far=False, sets=4, first=1, per_set=None, purpose="evaluation"):
     """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
     Seeds from 120 on judge what the studies have chosen, see `seeds.py`.
     """
     parts, per_set = [], per_set or PER_SET
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
-        trials = evaluate.draw_trials(seed, per_set, far, friction, purpose)
-        parts.append(evaluate.evaluate(planner, world, trials, noise))
+        trials = evaluate.draw_trials(seed, per_set, far, purpose)
+        parts.append(evaluate.evaluate(planner, world, trials))
     return together(parts)
 
 
@@ -223,10 +188,9 @@ def together(parts):
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def row_of(ended, name, noise=True, far=False):
-    """A row of stage 5's table, and the number of falls."""
-    row = evaluate.summary(name, noise, STD[far], ended, env.Task())
-    return row | {"falls": int((ended["outcome"] == "fall").sum())}
+def row_of(ended, name, far=False):
+    """A row of stage 5's table, walked with noise."""
+    return evaluate.summary(name, True, STD[far], ended, env.Task())
 
 
 def time_ratio(ended, reference, name):
@@ -242,30 +206,14 @@ def time_ratio(ended, reference, name):
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
     order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []
+    columns = {"success": 3, "falls": 0, "time_mean": 1, "still_there": 2}
     for far, std in STD.items():
         for name in order[:3] if far else order:
             (row,) = pick(rows, noise=True, goal_std_m=std, planner=name)
-            lines.append(
-                [
-                    f"{'far' if far else 'near'}, σ {std} m",
-                    f"`{name}`",
-                    cell(row, "success", 3),
-                    str(round(row["fall"] * row["episodes"])),
-                    cell(row, "time_mean", 1),
-                    cell(row, "still_there", 2),
-                ]
-            )
-    return markdown(
-        [
-            "goals",
-            "planner",
-            "arrived and stayed [95 % interval]",
-            "falls",
-            "time [s]",
-            "still there",
-        ],
-        lines,
-    )
+            cells = (cell(row, *column) for column in columns.items())
+            lines.append(f"{'far' if far else 'near'}, σ {std} m | `{name}` | {' | '.join(cells)}")
+    head = "goals | planner | arrived and stayed [95 % interval] | falls | time [s] | still there"
+    return evaluate.markdown(head, lines)
 
 
 def pasted(page, mark, table):
@@ -273,6 +221,27 @@ def pasted(page, mark, table):
     begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
     head, rest = page.read_text(encoding="utf-8").split(begin)
     return head + begin + table + end + rest.split(end, 1)[1]
+
+
+def read_trials(path):
+    """The columns of a trials.csv, arrays by name, for every (planner, noise, σ of the goals)."""
+    with open(path, encoding="utf-8", newline="") as file:
+        lines = [*csv.DictReader(file)]
+    walks = {}
+    for line in lines:
+        std = line["goal_std_m"]
+        key = line["planner"], line["noise"] == "yes", float(std) if std else None
+        walks.setdefault(key, []).append(line)
+
+    def column(name, texts):
+        if name in ("still_there", "reached_once"):
+            return texts == "yes"
+        return texts if name in ("planner", "noise", "outcome") else texts.astype(float)
+
+    return {
+        key: {name: column(name, np.array([line[name] for line in own])) for name in own[0]}
+        for key, own in walks.items()
+    }
 
 
 def pages():

@@ -7,18 +7,18 @@ faster by Δv. On average there is one every 3 s; all planners meet the same one
 worlds: the shipped policy, near and far goals with noise. It does not observe the world.
 """
 
+from dataclasses import replace
 from itertools import product
 
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import RESULTS, env
+from common import RESULTS, env, robot_model
 
 DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 and 20"
 SETS = 2  # of 500 goals
 
 SPEEDS = (0.0, 0.2, 0.4, 0.6, 0.8)  # Δv [m/s]
-PUSH = 0.4  # [m/s] of the part `worlds`
 
 
 def study_pushes(args):
@@ -28,16 +28,12 @@ def study_pushes(args):
         "baseline_tuned": common.opponents(args.sim)["baseline_tuned"],
     }
     rows = []
-    for reflex in (True, False):
-        with common.world(args.sim) as world:
-            if not reflex:
-                common.set_reflex(world, 0.0)
-            for speed, name in product(SPEEDS, planners):
-                world.push = speed
-                ended = common.walks(planners[name], world, True, far=True, sets=SETS)
-                rows.append(
-                    {"speed": speed, "reflex": reflex, **common.row_of(ended, name, True, far=True)}
-                )
+    for reflex, speed in product((True, False), SPEEDS):
+        walk = None if reflex else common.without_reflex(args.sim)
+        with common.world(args.sim, push=speed, walk=walk) as world:
+            for name, planner in planners.items():
+                ended = common.walks(planner, world, far=True, sets=SETS)
+                rows.append({"speed": speed, "reflex": reflex, **common.row_of(ended, name, True)})
     return {"goals": SETS * common.PER_SET, "rows": rows}
 
 
@@ -61,20 +57,23 @@ class SlowNoise(env.FootstepWorld):
         return exact + self.last[robots]
 
 
-WORLDS = {  # settings of the world, and the friction if it is not drawn
-    "as trained": ({}, np.nan),
-    "μ = 0.4": ({}, 0.4),
-    "μ = 0.7": ({}, 0.7),
-    "μ = 1.0": ({}, 1.0),
-    "μ = 0.3 (trained: 0.4 to 1.0)": ({}, 0.3),
-    "μ = 1.2": ({}, 1.2),
-    "pushed by 0.4 m/s every 3 s": ({}, np.nan),
-    "masses ± 20 % (± 10 %)": ({"spread": env.Spread(mass=0.2)}, np.nan),
-    "a gyro ten times worse": (
-        {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
-        np.nan,
-    ),
-    "noise of the goal lasts for seconds": ({"kind": SlowNoise}, np.nan),
+def ground(mu):
+    """Settings of a world with this friction everywhere."""
+    robot = replace(robot_model.RobotModel(), friction=mu)
+    return {"robot": robot, "spread": env.Spread(friction=0.0)}
+
+
+WORLDS = {  # settings of the world
+    "as trained": {},
+    "μ = 0.4": ground(0.4),
+    "μ = 0.7": ground(0.7),
+    "μ = 1.0": ground(1.0),
+    "μ = 0.3 (trained: 0.4 to 1.0)": ground(0.3),
+    "μ = 1.2": ground(1.2),
+    "pushed by 0.4 m/s every 3 s": {"push": 0.4},
+    "masses ± 20 % (± 10 %)": {"spread": env.Spread(mass=0.2)},
+    "a gyro ten times worse": {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
+    "noise of the goal lasts for seconds": {"kind": SlowNoise},
 }
 
 
@@ -82,12 +81,11 @@ def study_worlds(args):
     """Rows of the policy in every world, on evaluation seeds 120 to 123."""
     policy = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
     rows = []
-    for title, (settings, friction) in WORLDS.items():
+    for title, settings in WORLDS.items():
         with common.world(args.sim, **settings) as world:
-            world.push = PUSH * title.startswith("pushed")
             for far in (False, True):
-                ended = common.walks(policy, world, True, far, 4, 120, friction=friction)
-                rows.append({"world": title, **common.row_of(ended, "policy", True, far)})
+                ended = common.walks(policy, world, far, 4, 120)
+                rows.append({"world": title, **common.row_of(ended, "policy", far)})
     return {"goals": 4 * common.PER_SET, "rows": rows}
 
 
@@ -135,4 +133,4 @@ def plot(found, sim):
 
 
 if __name__ == "__main__":
-    common.run("kicks")
+    common.start("kicks")

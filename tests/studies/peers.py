@@ -3,8 +3,7 @@
     python -m pip install stable-baselines3==2.9.2
     python tests/studies/peers.py [--mujoco] [--out FOLDER]
 
-Ours starts all episodes anew after every 10th update, theirs never. If ours is right, the ranges of
-their seeds overlap. (Two equal ones fail that in one case of ten.)
+If ours is right, the ranges of their seeds overlap. (Two equal ones fail that in one case of ten.)
 """
 
 from dataclasses import replace
@@ -15,7 +14,7 @@ from types import SimpleNamespace
 import ablations
 import common
 import numpy as np
-from common import FEW, env, evaluate, ppo
+from common import FEW, env, evaluate, ppo, robot_model
 
 try:
     import stable_baselines3
@@ -34,7 +33,7 @@ LOG_STD = float(-0.5 * np.log(4 * (CFG.first_concentration + 1)))  # as in `Gaus
 def row_of(kind, seed, begin, decide, sim):
     """The row of a training; decide: observations [n, 20] -> actions [n, 6]."""
     seconds = round(perf_counter() - begin, 1)
-    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide))
+    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide, shape={"obs_dim": 20}))
     return {"kind": kind, "seed": seed, "seconds": seconds, **ablations.judged(planner, sim)}
 
 
@@ -85,7 +84,7 @@ def theirs(sim, seed):
     """The same by Stable-Baselines3."""
     torch.set_num_threads(1)  # as in stage 04
     begin, updates, hidden = perf_counter(), -(-STEPS // UPDATE), list(CFG.hidden)
-    envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, True, staggered=True))
+    envs = SameRobots(env.FootstepVectorEnv(CFG.num_envs, sim, noise=True, staggered=True))
     model = stable_baselines3.PPO(
         "MlpPolicy",
         envs,
@@ -122,7 +121,7 @@ def theirs(sim, seed):
 def study_sb3(args):
     """Seed by seed, so that a machine that slows down slows both."""
     if stable_baselines3 is None:
-        raise ppo.PolicyError("first: python -m pip install stable-baselines3==2.9.2")
+        raise robot_model.InputError("first: python -m pip install stable-baselines3==2.9.2")
     return {"rows": [learn(args.sim, seed) for seed in FEW for learn in (ours, theirs)]}
 
 
@@ -136,4 +135,4 @@ def table(found, sim):
 
 
 if __name__ == "__main__":
-    common.run("peers")
+    common.start("peers")

@@ -1,6 +1,6 @@
 """Does a result depend on the goals, or on the seed of the training?
 
-    python tests/studies/seeds.py [--mujoco] [--only distances | pooled | seeds] [--out FOLDER]
+    python tests/studies/seeds.py [--mujoco] [--only distances | pooled | seeds | film] [--out FOLDER]
 
 pooled: evaluation seeds 120 to 129, walked once, after everything has been chosen; the next recipe
 takes 130 to 139. seeds: all trainings and their opponents, on seeds 120 to 123.
@@ -11,7 +11,7 @@ and so on. The median, by success with noise and then by time, is the one to shi
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import RESULTS, SEEDS, evaluate, pick
+from common import RESULTS, SEEDS, env, evaluate, pick, robot_model
 
 DURATION = "20 minutes on two cores; 3-D: 40"
 SETS, POOLED_SETS = 4, 10  # of 500 goals
@@ -33,16 +33,15 @@ def walked(sim, policies, sets, references=None):
     with common.world(sim) as world:
         for far in (False, True):
             theirs = {
-                name: common.walks(planner, world, True, far, sets, POOLED_FIRST)
+                name: common.walks(planner, world, far, sets, POOLED_FIRST)
                 for name, planner in references.items()
             }
             rows += [
-                {"seed": None, **common.row_of(ended, name, True, far)}
-                for name, ended in theirs.items()
+                {"seed": None, **common.row_of(ended, name, far)} for name, ended in theirs.items()
             ]
             for seed, planner in policies.items():
-                ended = common.walks(planner, world, True, far, sets, POOLED_FIRST)
-                row = {"seed": seed, **common.row_of(ended, "policy", True, far)}
+                ended = common.walks(planner, world, far, sets, POOLED_FIRST)
+                row = {"seed": seed, **common.row_of(ended, "policy", far)}
                 for name, other in theirs.items():
                     row |= common.time_ratio(ended, other, f"over_{name}")
                 rows.append(row)
@@ -61,6 +60,24 @@ def median_seed(rows):
     return seeds[len(seeds) // 2]
 
 
+def least_time(goals, world):
+    """The kinematic optimum [n] [s]: no plan within the step limits gets to goals [n, 3] sooner.
+
+    Double steps are whole. So many are needed for the way, so many for the turn, each to the edge
+    of the tolerance; the larger number counts. Straight ahead is not the fastest walk: a foot lands
+    x ahead of the standing one, w to its side, and turned out by ω. With the toes ω/2 to either
+    side of the way, not only x leads ahead, but w, too. (This is about plans. A slip may add to
+    them. A robot that walks like this falls in its second double step, in both simulators.)
+    """
+    x, w, turn = world.limits.high + world.engine.beside[0]  # [m], [m], [rad] ω
+    # In a double step:  way ≤ 2·(x·cos(ω/2) + w·sin(ω/2)),  turn ≤ ω outward + ω inward
+    longest = 2 * robot_model.turned([x, w], -turn / 2)[0]
+    d, alpha, _ = env.polar(goals)
+    ways = (d - world.task.success_m) / longest
+    turns = (np.abs(alpha) - world.task.success_rad) / (turn - world.limits.low[2])
+    return world.engine.period * np.ceil(np.maximum(ways, turns).clip(1))
+
+
 def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
     planners = opponents(args.sim)
@@ -71,8 +88,9 @@ def study_distances(args, count=200):
     trials.goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
     rows = []
     with common.world(args.sim, num_robots=len(far)) as world:
+        least = least_time(trials.goals, world)
         for name, planner in planners.items():
-            ended = evaluate.evaluate(planner, world, trials, noise=True)
+            ended = {"least": least} | evaluate.evaluate(planner, world, trials)
             for distance in DISTANCES:
                 own = {key: value[far == distance] for key, value in ended.items()}
                 reached = own["outcome"] == "success"
@@ -105,7 +123,26 @@ def study_pooled(args):
     return {"first_seed": POOLED_FIRST, **walked(args.sim, {None: shipped}, POOLED_SETS)}
 
 
-PARTS = {"distances": study_distances, "pooled": study_pooled, "seeds": study_all}
+def study_film(args):
+    """The shipped policy before, during and after its training, in learning.gif above the table."""
+    folder = RESULTS / args.sim
+    names = {"before training": "policy.start", "after a tenth of it": "policy.tenth"}
+    with common.world(args.sim, num_robots=1, noise=False, cores=1) as world:
+        trials = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0)
+        walks = {}
+        for title, name in {**names, "at the end": "policy"}.items():
+            planner = common.policy(folder / f"{name}.pt", args.sim)
+            walks[title] = next(evaluate.record(planner, world, trials))
+    evaluate.plot_race(walks, args.out.parent / "learning.gif", every=20)
+    return {title: walk["ending"] for title, walk in walks.items()}
+
+
+PARTS = {
+    "distances": study_distances,
+    "pooled": study_pooled,
+    "seeds": study_all,
+    "film": study_film,
+}
 
 
 def table(found, sim):
@@ -167,4 +204,4 @@ def plot(found, sim):
 
 
 if __name__ == "__main__":
-    common.run("seeds")
+    common.start("seeds")

@@ -39,14 +39,14 @@ def speed_plans():
 
 
 def gyro_errors(rng, count):
-    """`disturb` of `walk`, as in stage 3: each gyro's constant error, and noise at every tick."""
+    """`disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at every tick."""
     largest = env.Spread().gyro
     constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
 
-    def disturb(trajectory, robots):
+    def disturb(plan, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        noise = rng.normal(size=(count, *trajectory.gyro.shape[1:]))  # [count, T, 2]
-        trajectory.gyro[:] = (constant + env.Task().imu_rad_s * noise)[robots]
+        noise = rng.normal(size=(count, *plan.gyro_error.shape[1:]))  # [count, T, 2]
+        plan.gyro_error[:] = (constant + env.Task().imu_rad_s * noise)[robots]
 
     return disturb
 
@@ -54,7 +54,7 @@ def gyro_errors(rng, count):
 def highest_speed(poses, fall, period):
     """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
 
-    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk`, period [s]. Row by row the levels
+    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk_plans`, period [s]. Row by row the levels
     of the first direction, then those of the second, and so on. A walk has fallen if its `fall` is
     less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does not count.
     """
@@ -125,7 +125,7 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
-    poses, wanted, fall = walk_engine.walk(
+    poses, wanted, fall = walk_engine.walk_plans(
         sim,
         parameters,
         plans,
@@ -275,7 +275,7 @@ def fall_map(sim, first, then):
     plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
     body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
     gyros = gyro_errors(rng, len(plans))
-    _, _, fall = walk_engine.walk(sim, walk_engine.TUNED[sim], plans, body, gyros)
+    _, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body, gyros)
     return (fall < plans.shape[1]).reshape(-1, REPEATS).mean(1)
 
 
@@ -346,11 +346,12 @@ def plot(found, sim):
 
 def main(argv=None):
     study = import_module("walk")
-    parser = common.StudyParser(study)
-    parser.add_argument("--seed", type=robot_model.whole, default=0, help="other worlds")
-    parser.add_argument("--limits", action="store_true", help="maps of falls")
-    parser.add_argument("--tune", action="store_true", help="optimise the walk parameters")
-    args = parser.start(argv)
+    flags = {"limits": "maps of falls", "tune": "optimise the walk parameters"}
+    args = common.arguments(
+        study,
+        argv,
+        **{name: {"action": "store_true", "help": words} for name, words in flags.items()},
+    )
     if args.tune:
         print(tune(args.sim, args.seed))
     elif args.limits:
@@ -369,4 +370,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    robot_model.run(main)
+    robot_model.start(main)
