@@ -5,9 +5,9 @@ has arrived when it stays: two double steps in a row must end at the goal (the p
 
     python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
-(`--mujoco` in 3-D; the goals are measured exactly here.) Prints what is observed, what an action is and how the episodes end; writes
-`runs/<sim>/03_rewards.png`. Predict: which two reward terms have the largest positive sums for the
-hand-written planner, and which ones have negative sums?
+(`--mujoco` in 3-D; the goals are measured exactly here.) Prints what is observed, what an action is
+and how the episodes end; writes `runs/<sim>/03_rewards.png`. Predict: which two reward terms have
+the largest positive sums for the hand-written planner, and which ones have negative sums?
 
 An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
 the actions; a policy is a planner that is learned: a function from the observation to an action. An
@@ -550,10 +550,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
         observations = self.look(self.robots)
-        infos = result
         ended = terminated | truncated
         if self.autoreset and ended.any():
-            infos = result | {
+            result = result | {
                 "final_obs": observations.copy(),
                 "_final_obs": ended,
                 "final_info": result,
@@ -562,7 +561,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
             fresh = self.robots[ended]
             self.world.reset(fresh)
             observations[fresh] = self.look(fresh)
-        return observations, result["reward"], terminated, truncated, infos
+        return observations, result["reward"], terminated, truncated, result
 
 
 class FootstepEnv(gym.Env):

@@ -107,12 +107,7 @@ class PPOConfig:
 
 # Of --env.
 GYM_CONFIG = PPOConfig(
-    num_envs=16,
-    rollout=128,
-    minibatch=256,
-    gamma=0.99,
-    reward_scale=0.1,
-    sharpest=4.0,
+    num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1, sharpest=4.0
 )
 
 

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from functools import partial
@@ -80,8 +81,18 @@ def check_picture(path):
 @pytest.mark.parametrize(
     "script, flags, said, files",
     [
-        ("01_robot_model.py", ["--out", "../a new/one"], "of 64 fell", ["a new/one/01_robot.png"]),
-        ("01_robot_model.py", ["--mujoco"], "of 64 fell", ["here/runs/mujoco/01_robot.png"]),
+        (
+            "01_robot_model.py",
+            ["--out", "../a new/one"],
+            "smallest lean of a fall: 0",
+            ["a new/one/01_robot.png"],
+        ),
+        (
+            "01_robot_model.py",
+            ["--mujoco"],
+            "smallest lean of a fall: 0",
+            ["here/runs/mujoco/01_robot.png"],
+        ),
         (
             "02_walk_engine.py",
             [],
@@ -107,6 +118,31 @@ def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files
     assert sorted(path.relative_to(tmp_path).as_posix() for path in written) == files
     for path in written:
         check_picture(path)
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXPERIMENTS = re.findall(r"\| `(0\d_\w+\.py)` \| `(.+?)` to `(.+?)` \| `python (.+?)` \|", README)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script, number, other, command", EXPERIMENTS, ids=str)
+def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other, command):
+    """README's changes, in a copy: it walks, and a note says what differs."""
+    for path in ROOT.glob("0*.py"):
+        shutil.copy(path, tmp_path)
+    text = (tmp_path / script).read_text(encoding="utf-8")
+    assert text.count(number) == 1, f"{number} should stand once in {script}"
+    name, value = re.fullmatch(r"(\w+).*=\s*([\d.]+)", number).groups()
+    (tmp_path / script).write_text(text.replace(number, number.replace(value, other)), "utf-8")
+    sim = "mujoco" if "--mujoco" in command else "pymunk"
+    flags = [*command.replace("100", "8").split()[1:], "--policy"]
+    policy = ROOT / "results" / sim / "policy.pt"
+    shown = run(tmp_path / "05_evaluate.py", *flags, policy, folder=tmp_path).stdout
+    assert (
+        f"another {'robot' if name == 'friction' else 'walk'}: {name} {value}, here {other}"
+        in shown
+    )
+    assert "| policy " in shown
 
 
 def main_of(script, monkeypatch, *arguments):

@@ -1,6 +1,6 @@
 """Exercise: the Beta distribution of stage 4 by hand. PyTorch's own is what grades it.
 
-    python -m pytest --stages exercises -k "beta_log_prob or beta_mode or beta_entropy"
+    python -m pytest tests --stages=exercises -k "beta_log_prob or beta_mode or beta_entropy"
 
 α, β > 0 are tensors [..., k], one pair for each of k independent variables x in [0, 1].
 """
