@@ -319,8 +319,8 @@ def leg_inverse(robot, position, foot_turn):
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
-    # Before the ankle rolls, r = (rx, 0, h). It turns by +roll as seen from the foot, so there it is
-    # r = (rx, h·sin roll, h·cos roll) with h > 0.
+    # Before the ankle rolls, r = (rx, 0, h). It turns by +roll as seen from the foot, so there it
+    # is r = (rx, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(ry, rz)
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
@@ -800,8 +800,8 @@ class PymunkSim:
             now = np.where(self.body.delay[robots, None, None], self.last[robots], wanted[:, t])
             self.last[robots] = wanted[:, t]
             # A motor that only followed the error would lag behind a moving target: add the
-            # target's rate (feedforward). So a joint arrives at the end of the tick where the target
-            # is then.
+            # target's rate (feedforward). So a joint arrives at the end of the tick where the
+            # target is then.
             error = now[:, 0] - self._angles(seen[:, t])
             speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
             pushes = trajectory.push[:, t, 0].tolist()
@@ -916,8 +916,8 @@ def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
     trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
-    # We take the centres of thigh and shin to be in their middle, so each end gets half of the mass.
-    # That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
+    # We take the centres of thigh and shin to be in their middle, so each end gets half of the
+    # mass. That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
     thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
     parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
     x, _, z = robot.foot.com
@@ -1049,7 +1049,8 @@ def stage_parser(doc):
 
 def output_folder(args, *parts):
     """The folder to write to, made if need be: --out, or these parts below runs/, or runs/<sim>. An
-    InputError if nothing can be written there, if MuJoCo is asked for and missing, or --seed < 0."""
+    InputError if nothing can be written there, if MuJoCo is asked for and missing, or if the
+    seed is negative."""
     if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
         raise InputError("--mujoco needs MuJoCo: python -m pip install mujoco")
     if args.seed < 0:

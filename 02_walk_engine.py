@@ -170,7 +170,7 @@ class WalkPlan(robot_model.Trajectory):
     gyro_error: np.ndarray  # [N, T, 2] [rad/s] measured − true angular velocity about x and y
 
     def feedback(self, robot, tick, end, angular_velocity):
-        """What the gyro adds to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
+        """What the gyro adds to the joint targets of the ticks `tick` to `end`, [n, ticks, 12].
 
         angular_velocity [n, 2]: the true one of the torso about its x and y axes at the first of
         these ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support
@@ -387,7 +387,7 @@ def pushed(sim, parameters, speed):
     simulator = robot_model.make_sim(sim, 2, engine.stance)
     motions = []
     for k in range(4):
-        plan, _ = engine.plan(np.array([WALKS["forward"]] * 2), [0, 1])
+        plan, _ = engine.plan([WALKS["forward"]] * 2, [0, 1])
         plan.reflex_gain[1] = 0
         if k == 1:
             plan.push[:, 10 : 10 + PUSH_TICKS, 0] = push_force(engine.robot, speed)
@@ -445,6 +445,7 @@ def plot_walks(poses, commanded, path, title):
         )
     axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
+    axis.margins(0.1)
     axis.legend()
     robot_model.save_figure(figure, path)
 
@@ -458,7 +459,7 @@ def main():
     print(f"{sim}: a double step takes {engine.period:.2f} s")
     simulator = robot_model.make_sim(sim, 1, engine.stance)
     for _ in range(2):  # the second one is drawn; the first one starts from standing
-        plan, feet = engine.plan(np.array([WALKS["forward"]]), [0])
+        plan, feet = engine.plan([WALKS["forward"]], [0])
         motion = simulator.run([0], plan)
     simulator.close()
     torso = motion.torso + [parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
@@ -466,15 +467,15 @@ def main():
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)
+    plot_walks(poses, commanded, out / "02_walk.png", f"Eight double steps ({sim}), from above")
+    torso, joints = pushed(sim, parameters, 0.6)
+    plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
         print(
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
-    plot_walks(poses, commanded, out / "02_walk.png", f"Eight double steps ({sim}), from above")
-    torso, joints = pushed(sim, parameters, 0.6)
-    plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 

@@ -229,8 +229,8 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     pays a little, away and back costs a little. It is no loophole: a step of 0.34 m towards the
     goal and one back pay 0.34·(1 − γ) = 0.007 with γ = 0.98, and the two double steps cost 0.08.
     (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ. Its discounted sum
-    Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0 depends on the ends only, so where Φ_T is 0 the best policy
-    stays the same.)
+    Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0 depends on the ends only, so where Φ_T is 0 the best
+    policy stays the same.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]

@@ -30,10 +30,10 @@ How the average changes with the policy's parameters (the policy gradient), firs
   A number b that does not depend on a changes nothing: E[b·∇ln π] = b·Σ_a ∇π = b·∇1 = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
 Over an episode the gradients of its decisions are added: its probability is a product, so its
-logarithm is Σ_t ln π(a_t|s_t) plus what the world does, which has no parameters of ours. (The rewards before a decision do not
-depend on its action; they drop out like b. Exactly, decision t counts γᵗ times; as usual we leave
-this out, so that late decisions learn as much.) Following this gradient makes good actions more
-likely and bad ones less.
+logarithm is Σ_t ln π(a_t|s_t) plus what the world does, which has no parameters of ours. (The
+rewards before a decision do not depend on its action; they drop out like b. Exactly, decision t
+counts γᵗ times; as usual we leave this out, so that late decisions learn as much.) Following this
+gradient makes good actions more likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 

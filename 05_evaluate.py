@@ -15,16 +15,16 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). A policy that was trained with another
 walk, task or robot than those of the stages walks, too, and a note says what differs. It prints the
-table and writes it with evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Predict: the
-paper's policy needs half the baseline's time, and falls about twice as often. Does this one?
+table and writes it with evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Predict:
+the paper's policy needs half the baseline's time, and falls about twice as often. Does this one?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
-returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3] is
-the goal as they know it, x, y [m], yaw [rad], with noise estimated from all measurements so far
-(stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All planners
-meet the same goals, ground, bodies and pushes, and at their k-th decision the same noise (common
-random numbers), so a difference between two rows is due to the planners. The intervals show how far
-the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
+returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
+is the goal as they know it, x, y [m], yaw [rad], with noise estimated from all measurements so far
+(stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
+planners meet the same goals, ground, bodies and pushes, and at their k-th decision the same noise
+(common random numbers), so a difference between two rows is due to the planners. The intervals show
+how far the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
 `baseline_tuned` has settings optimised for this world.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
@@ -253,8 +253,8 @@ def evaluate(planner, world, trials, watch=None):
 
 
 def double_step(planner, world, robots, disturb=None):
-    """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's file,
-    if its actions are not [n, 6] in [0, 1].
+    """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
+    file, if its actions are not [n, 6] in [0, 1].
     """
     name = f"{getattr(planner, 'file', type(planner).__module__)}: actions"
     try:
@@ -306,8 +306,8 @@ def wilson(count, total, z=1.96):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """95 % interval of a statistic of samples [n], by drawing as many again, with replacement. (This
-    is resampling, not stage 4's bootstrapping.) Samples of the same walks are drawn together.
+    """95 % interval of a statistic of samples [n], by drawing as many again, with replacement.
+    (This is resampling, not stage 4's bootstrapping.) Samples of the same walks are drawn together.
 
     statistic: samples [resamples, n] -> [resamples].
     """
@@ -507,7 +507,8 @@ def play(world, planners, speed):
         clock += not arrived  # then it stops
         arrived |= result["success"][0]
         seconds = (clock - arrived) * engine.period  # to the first of two inside
-        title = f"{name}, reflex {'on' if reflex else 'off'}: {'arrived after ' * int(arrived)}{seconds:.1f} s"
+        state = "arrived after " if arrived else ""
+        title = f"{name}, reflex {'on' if reflex else 'off'}: {state}{seconds:.1f} s"
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
             draw_scene(axes, goal, feet[-20:], torso, joints, title)
             axes.axis([-1.7, 1.7, -1.0, 1.6])
@@ -756,7 +757,8 @@ def make_world(args, count, noise=False, push=0.0, cores=None):
 
 
 def evaluate_all(args, blocks, planners):
-    """Every planner in every block of Trials, with --noise once more: trials by (planner, noise, σ).
+    """Every planner in every block of Trials, with --noise once more: trials by their key
+    (planner, noise, σ).
 
     blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
     """

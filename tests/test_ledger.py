@@ -1,4 +1,4 @@
-"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`, `build.gae`."""
+"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`."""
 
 import re
 from importlib import import_module

@@ -2,9 +2,10 @@
 
     python tests/studies/baseline.py [--mujoco] [--only baseline_tuned | expert] [--out FOLDER]
 
-baseline_tuned: the paper's baseline; both feet share its steps. expert: `tests/exercises/expert.py`.
-Cross-entropy method on the logarithms of eight settings. Where it ends, the settings in use, and
-the best candidates walk to 2,000 other goals; `choose` decides.
+baseline_tuned: the paper's baseline; both feet share its steps.
+expert: `tests/exercises/expert.py`.
+Cross-entropy method on the logarithms of eight settings. Where it
+ends, the settings in use, and the best candidates walk to 2,000 other goals; `choose` decides.
 """
 
 import sys

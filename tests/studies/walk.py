@@ -39,7 +39,8 @@ def speed_plans():
 
 
 def gyro_errors(rng, count):
-    """`disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at every tick."""
+    """`disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at every
+    tick."""
     largest = env.Spread().gyro
     constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
 
@@ -54,9 +55,10 @@ def gyro_errors(rng, count):
 def highest_speed(poses, fall, period):
     """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
 
-    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk_plans`, period [s]. Row by row the levels
-    of the first direction, then those of the second, and so on. A walk has fallen if its `fall` is
-    less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does not count.
+    poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk_plans`, period [s]. Row by row the
+    levels of the first direction, then those of the second, and so on. A walk has fallen if its
+    `fall` is less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does
+    not count.
     """
     # speed = |way along the axis| / (Σ PATTERN · period)
     # A walk ends with the trunk between the feet. The last step of the right foot has moved it by
