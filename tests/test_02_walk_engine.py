@@ -18,7 +18,7 @@ equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
 @pytest.fixture(autouse=True)
 def one_process(monkeypatch):
-    """Starting processes takes longer than these walks; robots in several are test_robot's."""
+    """Starting processes takes longer than these walks; robots in several are test_01_robot_model's."""
     monkeypatch.setattr(robot_model, "CORES", 1)
 
 
@@ -189,12 +189,15 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
             "pitch of the ankle whose gain it is; one reading for both ticks; no other joint"
         ),
     )
-    got = plan.feedback(robot, 2, 3, np.array([[0.5, 1.0]]))
+    got = plan.feedback(replace(ROBOT, control_dt=0.02), 2, 3, np.array([[0.5, 1.0]]))
     close(
         got[0, 0, [5, 4]],
-        [0.05 * (0.6 - 0.1), 0.05 * (0.8 + 0.2)],
+        [0.05 * (0.6 - 0.05), 0.05 * (0.8 + 0.1)],
         atol=1e-7,
-        err_msg=("planned rate = change of the lean / time: here it is a single tick"),
+        err_msg=(
+            "true rate + error − planned rate, which is the change of the lean / time: a single "
+            "tick here, of a robot with another control_dt"
+        ),
     )
 
 
@@ -272,6 +275,10 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
     assert left[-2, 2] > 1e-6, "it lands at the end of the single step, and waits before it only"
     speed = np.abs(np.diff(left, axis=0)) / ROBOT.control_dt
     assert np.all(speed[-1] < 0.1 * speed.max(0) + 1e-9), "the foot should land at rest"
+    change = np.abs(np.diff(left[:, [0, 1, 3]], 2, axis=0))  # of the speed, tick by tick
+    assert np.all(change[-1] < 0.6 * change.max(0)), (
+        "x, y and yaw land without acceleration: degree five, for a cubic brakes most at the end"
+    )
     assert left[:, 2].min() > -1e-9, f"below the ground: z = {left[:, 2].min()} m"
 
 
@@ -410,3 +417,27 @@ def test_amid_a_walk_a_push_tilts_the_robot_with_the_reflex_less(sim):
     off = np.abs(torso[..., 4] - calm[..., 4]).max(1)
     assert off[0] < 0.9 * off[1], f"off the walk that nobody pushes by {off.round(3)} rad"
     assert off[0] < 0.2, f"tilted by {off[0]:.2f} rad: with the reflex it should stay up"
+
+
+def test_highest_speed_ignores_everything_beyond_the_first_fall():
+    walk = import_module("walk")  # of tests/studies, or a student's
+    levels, count = walk.LEVELS, len(walk.PATTERN)
+    moving = sum(walk.PATTERN) * 0.5  # [s]
+    ways = (np.arange(levels) + 1) / levels
+    ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
+    poses = np.full((4 * levels, count + 1, 3), 3.0)  # not from the world's origin
+    poses[:, -1] = 9  # and aside
+    fall = np.full(4 * levels, count)
+    for i, axis in enumerate((0, 0, 1, 2)):  # every walk moves its way
+        poses[i * levels : (i + 1) * levels, -1, axis] = 3 + (1, -1, 1, 1)[i] * ways
+    forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
+    assert forward == pytest.approx(1 / moving), (
+        "its way along its axis, from its first pose on, by the time of all double steps that are "
+        "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period"
+    )
+    fall[4::levels] = 2  # level 5 falls
+    for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
+        assert speed == pytest.approx(ways[2] / moving), (
+            f"{direction}: of eight levels the third is the fastest below the first one that "
+            "fell, and not the last one that stood; a way counts to whichever side"
+        )

@@ -1,4 +1,4 @@
-"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_env.goal_is`."""
+"""What the exercise book names exists: `03.polar`, `walk.measure`, `test_03_env.goal_is`."""
 
 import re
 from importlib import import_module
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from workbook import BOOK  # of tests/exercises
 
-TESTS = Path(__file__).resolve().parent
+TESTS = Path(__file__).resolve().parents[1]
 PAGES = ("course.md", "debug.md", "ledger.md", "predict.md", "projects.md")
 TEXT = {page: (TESTS / "exercises" / page).read_text(encoding="utf-8") for page in PAGES}
 STAGES = {path.stem[:2]: path.stem for path in TESTS.parent.glob("0*.py")}
@@ -30,8 +30,8 @@ def exists(place, path):
     if place in EXERCISES:
         return name in EXERCISES[place]
     if place.startswith("test_"):
-        file = TESTS / f"{place}.py"
-        return file.is_file() and f"def test_{name}" in file.read_text(encoding="utf-8")
+        files = TESTS.rglob(f"{place}.py")
+        return any(f"def test_{name}" in file.read_text(encoding="utf-8") for file in files)
     module = STAGES.get(place, place)
     if find_spec(module) is None:
         return False

@@ -14,7 +14,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FLAGS = {  # beside --help, --mujoco, --seed and --out, which every stage has
     "01_robot_model.py": [],
     "02_walk_engine.py": [],

@@ -20,7 +20,7 @@ from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 EXTREME = {
     "no friction": {"friction": 0.0},
     "friction 2": {"friction": 2.0},
@@ -169,7 +169,7 @@ READ_ON = "import importlib as i; i.import_module('01_robot_model').start(lambda
 
 
 def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
-    """Each has temporary files of its own; test_ppo has a training that is killed."""
+    """Each has temporary files of its own; test_04_ppo has a training that is killed."""
     path = tmp_path / "policy.pt"
 
     def first(temporary):

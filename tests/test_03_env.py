@@ -554,6 +554,7 @@ DRIFT, NOISE = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.1, 0.1])
 def test_estimate_predict_by_hand():
     goal, before = np.array([[2.4, 0, 0.5], [1.3, 0.1, 0.5]]), np.array([[0.01, 0.02, 0.03]] * 2)
     motion = np.array([[0.4, 0, 0], [0.3, 0.1, math.pi / 2]])
+    goal.flags.writeable = before.flags.writeable = motion.flags.writeable = False
     got, variance = env.predict(goal, before, motion, DRIFT)
     close(
         got,

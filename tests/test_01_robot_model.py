@@ -168,6 +168,7 @@ def test_compose_multiplies_matrices_and_relative_undoes_it():
         poses.flags.writeable = False
         base, inner = poses
         got = robot_model.compose(base, inner)
+        got.flags.writeable = False
         (a, turn), (b, _), (c, _) = (  # places as x + i·y, turns as factors
             (p[..., 0] + 1j * p[..., 1], np.exp(1j * p[..., 2])) for p in (base, inner, got)
         )
@@ -197,10 +198,12 @@ def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     angles = np.concatenate([np.linspace(-20, 20, 101), [math.pi, -math.pi, 3 * math.pi]])
     angles.flags.writeable = False
     wrapped = robot_model.wrap(angles)
-    outside = (wrapped < -math.pi - 1e-9) | (wrapped >= math.pi)
+    outside = np.abs(wrapped) > math.pi + 1e-9
     assert not outside.any(), (
-        f"[−π, π): π becomes −π (got {wrapped[outside][0]}, for {angles[outside][0]})"
+        f"[−π, π): {angles[outside][0]:.2f} becomes {wrapped[outside][0]:.2f}, too few turns are "
+        "taken away, or too many"
     )
+    assert (wrapped < math.pi).all(), "[−π, π): π becomes −π"
     close(
         np.exp(1j * wrapped),
         np.exp(1j * angles),
@@ -235,6 +238,15 @@ def test_forward_kinematics_equals_mujoco():
                     ),
                 )
             sole, foot = data.geom(f"{side} sole"), data.body(f"{side} foot")
+            close(
+                turn[leg],
+                foot.xmat.reshape(3, 3),
+                atol=1e-9,
+                err_msg=(
+                    "the rotation that is returned is the foot's: is the ankle's roll in it, and "
+                    "behind all pitches?"
+                ),
+            )
             length, _, thick = model.geom(f"{side} sole").size
             for k, x in ((3, -length), (4, length)):  # heel, toe: below the ankle's axis
                 corner = [x, -sign * ROBOT.foot_outward, -thick]
@@ -244,16 +256,19 @@ def test_forward_kinematics_equals_mujoco():
                     want,
                     atol=1e-9,
                     err_msg=(
-                        "heel or toe: foot_front and foot_back swapped, the ankle's height, or the "
-                        "ankle's roll?"
+                        "heel or toe: foot_front and foot_back swapped, or the ankle's height?"
                     ),
                 )
-            close(
-                turn[leg],
-                foot.xmat.reshape(3, 3),
-                atol=1e-9,
-                err_msg=("the rotation that is returned is the foot's"),
-            )
+
+
+def test_centre_of_mass_is_that_of_mujoco_for_parallel_feet():
+    for joints in random_joints(np.random.default_rng(3), 20):
+        joints[6:] = joints[:6]
+        joints[[0, 1, 5, 6, 7, 11]] = 0
+        torso = np.array([0.3, -0.2, 0.4, 0.0, 0.2, 0.0])
+        data = mujoco_at(torso, joints)[1]
+        got = robot_model.centre_of_mass(ROBOT, torso[None], joints[None])[0]
+        close(got, data.subtree_com[0], atol=2e-4, err_msg="Σ mᵢ·pᵢ / Σ mᵢ, over all nine links")
 
 
 def test_euler_angles_of_a_quaternion():
@@ -731,6 +746,15 @@ def test_planar_joints_stay_together_and_motors_follow_within_their_limits(make_
     targets = np.concatenate([plan.joints[:, 1:] for plan in plans], 1).swapaxes(0, 1)
     late = np.abs(joints - targets).mean()  # [rad]
     assert late < 0.005, f"{late:.4f} rad: a motor that follows only the error lags behind"
+
+
+def test_a_motor_of_mujoco_gets_a_target_that_runs_ahead(make_sim):
+    sim, trajectory = make_sim("mujoco"), still("mujoco", 1, 0.02)
+    trajectory.joints[0, :, 2] += [0, 0.01, 0.03]  # the left hip, 2 rad/s in the last tick
+    sim.run([0], trajectory)
+    want = trajectory.joints[0, -1].copy()
+    want[2] += 2.0 * ROBOT.torque_limit[2] / ROBOT.speed_limit[2] / ROBOT.stiffness
+    close(sim.control[0], want, atol=1e-12, err_msg="target + rate · damping / stiffness")
 
 
 def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BUGS = ROOT / "tests" / "exercises" / "bugs"
 BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text(encoding="utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
@@ -96,7 +96,7 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
             sys.executable,
             "-c",
             IMPORT_THEN_TEST,
-            f"tests/{module}.py",
+            *map(str, folder.glob(f"tests/**/{module}.py")),
             "-k",
             f"test_{begins}",
             folder=folder,

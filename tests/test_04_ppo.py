@@ -78,7 +78,10 @@ def test_gae_equals_the_double_sum(lam):
         ),
     ):
         told = [x[:rows] for x in (r, v, v_next, fall, cut)]  # [rows, robots] each
-        got = ppo.gae(*map(torch.tensor, told), gamma, lam)
+        given = [*map(torch.tensor, told)]
+        got = ppo.gae(*given, gamma, lam)
+        for tensor, array in zip(given, told):
+            equal(tensor, array, err_msg="what is given must not be written to")
         for i in range(robots):
             want = brute_force_advantages(*(x[:, i] for x in told), gamma, lam)
             close(got[:, i], want, rtol=1e-5, atol=1e-5, err_msg=hint)
@@ -236,6 +239,15 @@ def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     close(x.mean(0), [2 / 7, 30 / 40], atol=0.01)
     close(x.var(0), [10 / (49 * 8), 300 / (1600 * 41)], rtol=0.1)
     assert model.value(torch.zeros(4, 7, 1)).shape == (4, 7), "V(s) is one number: squeeze(-1)"
+
+
+def test_layers_begin_with_orthogonal_rows_or_columns():
+    for shape in ((30, 7), (7, 30)):
+        hidden, last = (layer for layer in ppo.mlp((*shape, 5), 0.1) if hasattr(layer, "weight"))
+        rows = hidden.weight if shape[0] > shape[1] else hidden.weight.T
+        close((rows @ rows.T).detach(), 2 * np.eye(7), atol=1e-5, err_msg="of length √2")
+        short = min(last.weight, last.weight.T, key=len)
+        close((short @ short.T).detach(), 0.01 * np.eye(5), atol=1e-5, err_msg="of length 0.1")
 
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
@@ -487,10 +499,12 @@ def test_gradients_are_limited_to_the_maximal_length():
             lengths.append(math.sqrt(sum((g**2).sum().item() for g in grads)))
             super().step()
 
-    cfg = ppo.PPOConfig(minibatch=32, epochs=3, max_grad_norm=0.01)
+    cfg = ppo.PPOConfig(minibatch=36, epochs=3, max_grad_norm=0.01)
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=1e-3), rollout(model, scale=1000), cfg)
-    assert len(lengths) == 3 * 4, "every epoch uses all 128 samples, in minibatches of 32"
+    assert len(lengths) == 3 * 4, (
+        "every epoch uses all 128 samples, in minibatches of 36, 36, 36, 20"
+    )
     close(
         lengths,
         0.01,
@@ -653,6 +667,9 @@ def stopped(folder, update, **more):
             ppo.train(QUICK, wandering, folder, 7 * 64, 3, **more)
 
 
+ADAM = torch.optim.Adam
+
+
 def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     whole.mkdir()
@@ -661,8 +678,13 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     stopped(parts, 4)
     assert not (parts / "policy.pt").exists(), "it is written at the end"
     middle = ppo.load_plain(parts / "checkpoint.pt", "model", "optimizer")
-    begin = mock.Mock(wraps=ppo.collect)
-    with mock.patch.object(ppo, "collect", begin):
+    begin, made = mock.Mock(wraps=ppo.collect), []
+
+    def adam(*args, **more):
+        made.append(ADAM(*args, **more))
+        return made[0]
+
+    with mock.patch.object(ppo, "collect", begin), mock.patch.object(torch.optim, "Adam", adam):
         model, rows = ppo.train(QUICK, wandering, parts, 7 * 64, 3, resume=True)
     assert begin.call_count == 4, "three updates were made, four are left"
     assert begin.call_args_list[0].args[0] is model
@@ -673,7 +695,8 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
         np.testing.assert_equal([row[name] for row in rows[:3]], [row[name] for row in want[:3]])
     assert rows[3]["entropy"] != want[3]["entropy"], "fresh episodes: not bit for bit the same"
     assert abs(rows[3]["entropy"] - want[3]["entropy"]) < 0.2, "but the same networks"
-    assert middle["optimizer"]["state"][0]["step"] == 3 * QUICK.epochs * 2, "Adam's state, too"
+    for state, updates in ((middle["optimizer"], 3), (made[0].state_dict(), 7)):
+        assert state["state"][0]["step"] == updates * QUICK.epochs * 2, "Adam's state, too"
     assert model.sharpness == QUICK.sharpest and not (parts / "checkpoint.pt").exists()
 
 

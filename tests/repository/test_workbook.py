@@ -2,14 +2,14 @@
 
 import ast
 import contextlib
+import functools
 import io
 import os
 import re
 import shlex
 import subprocess
 import sys
-import textwrap
-from functools import cache
+from collections import Counter
 from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
@@ -21,7 +21,7 @@ import sheet
 import workbook
 from workbook import BOOK
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "exercises"
 README = (FOLDER / "README.md").read_text(encoding="utf-8")
 
@@ -210,7 +210,7 @@ def test_an_endless_loop_is_stopped(tmp_path):
         "low_pass or wilson",
         "-p",
         "no:cacheprovider",
-        PYTHONPATH=os.pathsep.join([str(ROOT / "tests"), str(FOLDER)]),
+        PYTHONPATH=os.pathsep.join([str(ROOT / "tests" / "repository"), str(FOLDER)]),
     )
     words = last_words(done)
     assert "takes longer than 3 s: a loop that never ends?" in words, words
@@ -243,69 +243,61 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
 
-@cache
-def solution(name):
-    """The text of the exercise's functions only, a method below a line with its class."""
-    source, lines = text_of(name), []
-    for function in BOOK[name].functions:
-        node = sheet.function_in(ast.parse(source), function)
-        lines += [f"class {part}:" for part in function.split(".")[:-1]]
-        lines += source.splitlines()[node.lineno - 1 : node.end_lineno]
-    return "\n".join(lines) + "\n"
+PLACE = {path.split(".")[-1]: (row, path) for row in BOOK.values() for path in row.functions}
 
 
-def changed(name, changes):
-    """That text after the changes of an entry of wrong.txt or right.txt."""
-    text, row = solution(name), BOOK[name]
-    if " =>" not in changes:
-        return sheet.replaced(text, row.functions[0], changes.splitlines(), row.since)
-    for change in re.split(r"\n(?! )", changes):
-        first, _, block = change.partition("\n")
-        old, _, new = first.partition(" =>")
-        assert text.count(old) == 1, f"“{old}” must stand once in {name}:\n{text}"
-        if new:
-            text = text.replace(old, new.lstrip())
-            continue
-        (line,) = (line for line in text.splitlines(keepends=True) if old in line)
-        indent = line[: len(line) - len(line.lstrip())]
-        block = [f"{indent}{new}\n" for new in textwrap.dedent(block).splitlines()]
-        text = text.replace(line, "".join(block))
-    return text
+def solutions(file):
+    """(function's node, its mistake, words of the grader) for all of right.py or of wrong.py."""
+    for node in ast.parse((FOLDER / file).read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.FunctionDef) and node.name in PLACE:
+            marks = [[ast.literal_eval(text) for text in mark.args] for mark in node.decorator_list]
+            node.decorator_list = []
+            for mistake, words in marks or [(ast.get_docstring(node), "")]:
+                yield node, mistake, words
 
 
-def results_of(file, trains):
-    """[exercise, what, words to be said ("": none), what is said]; `trains`: of improve only."""
-    lines = [
-        line
-        for line in (FOLDER / file).read_text(encoding="utf-8").splitlines()
-        if line and not line.startswith("#")
-    ]
-    entries = []
-    for entry in re.split(r"\n(?! )", "\n".join(lines)):
-        head, _, changes = entry.partition("\n")
-        entries.append((*re.fullmatch(r"(\w+): (.+?)(?: \| (.+))?", head).groups(""), changes))
-    assert {name for name, *_ in entries} == BOOK.keys(), f"every exercise has entries in {file}"
-    entries = [entry for entry in entries if (entry[0] == "improve") == trains]
-    said = graded(
-        [
-            (name, {name: changed(name, textwrap.dedent(changes))}, words)
-            for name, _, words, changes in entries
-        ]
-    )
-    return [(name, what, words, texts) for (name, what, words, _), texts in zip(entries, said)]
+def making(function, mistake):
+    """The function, with its last argument."""
+
+    @functools.wraps(function)
+    def call(*args, **kwargs):
+        return function(*args, **kwargs, mistake=mistake)
+
+    return call
+
+
+def put(patch, node, mistake):
+    """A function takes the place of that of its name, wherever a module of ours has it."""
+    row, path = PLACE[node.name]
+    module = import_module(row.file)
+    owner = attrgetter(path.rpartition(".")[0])(module) if "." in path else module
+    # Outside of its class a method cannot say super().
+    source = ast.unparse(node).replace("super()", f"super({path.partition('.')[0]}, self)")
+    written = {}
+    exec(source, vars(module), written)  # it sees what stands in its module
+    old, new = getattr(owner, node.name), written[node.name]
+    if any(argument.arg == "mistake" for argument in [*node.args.args, *node.args.kwonlyargs]):
+        new = making(new, mistake)
+    if owner is not module:
+        patch.setattr(owner, node.name, new)
+        return
+    for place in list(sys.modules.values()):
+        for name, value in list(getattr(place, "__dict__", {}).items()):
+            if value is old:
+                patch.setattr(place, name, new)
 
 
 class Referee:
-    """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, {exercise:
-    text of its functions}, words. `said` gets a list for each case: what the failing tests say, at
-    most four as a student reads, none after these words.
+    """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, [(node,
+    mistake)] of the functions that take our places, words. `said` gets a list for each case: what
+    the failing tests say, at most four as a student reads, none after these words.
     """
 
     def __init__(self, cases):
         self.cases, self.said = cases, []
 
     def pytest_runtestloop(self, session):
-        for name, texts, words in self.cases:
+        for name, functions, words in self.cases:
             grader, *beginnings = BOOK[name].tests
             # In the order of workbook.py, where the tests that train come last.
             tests, said = [], []
@@ -321,13 +313,8 @@ class Referee:
                     said.append(f"{grader}.py cannot be imported, or has no test_{beginning}…")
             self.said.append(said)
             with pytest.MonkeyPatch.context() as patch:
-                for other, text in texts.items():
-                    module = import_module(BOOK[other].file)
-                    written = dict(vars(module))
-                    exec(text, written)
-                    for find in map(attrgetter, BOOK[other].functions):
-                        code = find(SimpleNamespace(**written)).__code__
-                        patch.setattr(find(module), "__code__", code)
+                for node, mistake in functions:
+                    put(patch, node, mistake)
                 for item in tests:
                     item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
                     if len(said) == 4 or any(words in text for text in said):
@@ -350,19 +337,33 @@ def graded(cases):
 
 
 def empty(names):
-    """{exercise: text of its functions in an empty sheet}."""
-    return {name: sheet.emptied(solution(name), BOOK[name]) for name in names}
+    """[(node, "")] of the functions of these exercises in an empty sheet."""
+    trees = [(BOOK[name], ast.parse(sheet.emptied(text_of(name), BOOK[name]))) for name in names]
+    return [(sheet.function_in(tree, path), "") for row, tree in trees for path in row.functions]
 
 
-@pytest.mark.parametrize("file", ["wrong.txt", "right.txt"])
+@pytest.mark.parametrize("file", ["wrong.py", "right.py"])
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(file, trains):
+    found = [
+        (PLACE[node.name][0].name, [(node, mistake)], words)
+        for node, mistake, words in solutions(file)
+        if (node.name == "improve") == trains
+    ]
     problems = [
-        f"{name}: “{what}” must get “{words or 'no complaint'}”, but gets {said}"
-        for name, what, words, said in results_of(file, trains)
+        f"{name}: “{mistake}” must get “{words or 'no complaint'}”, but gets {said}"
+        for (name, ((_, mistake),), words), said in zip(found, graded(found))
         if not (any(words in text for text in said) if words else not said)
     ]
     assert not problems, "\n".join(problems)
+
+
+def test_every_exercise_has_wrong_and_right_solutions_which_are_few_lines():
+    for file, least in (("wrong.py", 5), ("right.py", 2)):
+        counts = Counter(PLACE[node.name][0].name for node, *_ in solutions(file))
+        assert all(counts[name] >= least for name in BOOK), f"{file}: {counts}"
+    texts = [(FOLDER / file).read_text(encoding="utf-8") for file in ("wrong.py", "right.py")]
+    assert sum(len(text.splitlines()) for text in texts) <= 2000
 
 
 def test_every_emptied_function_is_rejected():

@@ -19,7 +19,7 @@ from test_scripts import check_picture
 
 evaluate = import_module("05_evaluate")
 env = evaluate.env
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "results"
 LONGEST = {
     "README.md": 170,

@@ -1,0 +1,687 @@
+"""Right solutions of the exercises in other ways than ours; the grader must accept each of them.
+
+A function takes the place of that of the same name in its stage, as those of `wrong.py` do.
+"""
+# ruff: noqa: F811, F821
+
+
+def wrap(angle):
+    """Whole turns counted by floor."""
+    return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
+
+
+def wrap(angle):
+    """By arctan2, and π becomes −π."""
+    angle = np.arctan2(np.sin(angle), np.cos(angle))
+    return np.where(angle >= np.pi, -np.pi, angle)
+
+
+def compose(base, pose):
+    """Adds and overwrites the place."""
+    total = base + pose
+    total[..., :2] = base[..., :2] + turned(pose[..., :2], base[..., 2])
+    return total
+
+
+def compose(base, pose):
+    """Complex numbers."""
+    place = base[..., 0] + 1j * base[..., 1]
+    place = place + np.exp(1j * base[..., 2]) * (pose[..., 0] + 1j * pose[..., 1])
+    return np.stack([place.real, place.imag, base[..., 2] + pose[..., 2]], -1)
+
+
+def fallen(torso, standing_height):
+    """The torso's z axis as a column of the rotation."""
+    up = rotation(torso[..., 3], torso[..., 4], torso[..., 5])[..., 2, 2]
+    return (torso[..., 2] / standing_height < 0.5) | (up < np.sqrt(0.5))
+
+
+def fallen(torso, standing_height):
+    """The angle itself."""
+    roll, pitch = (torso[..., 3], torso[..., 4])
+    tilt = np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
+    return np.logical_or(torso[..., 2] < standing_height / 2, np.degrees(tilt) > 45)
+
+
+def leg_points(robot, joints):
+    """The rotations one behind the other."""
+    joints = np.asarray(joints)
+    zero = np.zeros(joints.shape[:-1])
+    down = np.array([0.0, 0.0, -1.0])
+    turn = rotation(zero, zero, joints[..., 0]) @ rotation(joints[..., 1], zero, zero)
+    turn = turn @ rotation(zero, joints[..., 2], zero)
+    hip = np.zeros((*joints.shape[:-1], 3))
+    knee = hip + turn @ (robot.thigh_length * down)
+    turn = turn @ rotation(zero, joints[..., 3], zero)
+    ankle = knee + turn @ (robot.shin_length * down)
+    turn = turn @ rotation(zero, joints[..., 4], zero) @ rotation(joints[..., 5], zero, zero)
+    heel = ankle + turn @ [-robot.foot_back, 0, -robot.ankle_height]
+    toe = ankle + turn @ [robot.foot_front, 0, -robot.ankle_height]
+    return (np.stack([hip, knee, ankle, heel, toe], axis=-2), turn)
+
+
+def leg_points(robot, joints):
+    """Leg by leg."""
+    joints = np.asarray(joints, float)
+    points, turns = (np.zeros((*joints.shape[:-1], 5, 3)), np.zeros((*joints.shape[:-1], 3, 3)))
+    for i in np.ndindex(joints.shape[:-1]):
+        yaw, roll, *pitches, ankle_roll = joints[i]
+        hip = rotation(roll, 0.0, yaw)
+        thigh, shin, flat = (hip @ rotation(0.0, a, 0.0) for a in np.cumsum(pitches))
+        foot = flat @ rotation(ankle_roll, 0.0, 0.0)
+        points[i, 1] = thigh @ np.array([0, 0, -robot.thigh_length])
+        points[i, 2] = points[i, 1] + shin @ np.array([0, 0, -robot.shin_length])
+        below = points[i, 2] - foot[:, 2] * robot.ankle_height
+        points[i, 3] = below - foot[:, 0] * robot.foot_back
+        points[i, 4] = below + foot[:, 0] * robot.foot_front
+        turns[i] = foot
+    return (points, turns)
+
+
+def leg_inverse(robot, position, foot_turn):
+    """The shin's angle by the law of sines."""
+    thigh, shin = (robot.thigh_length, robot.shin_length)
+    rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot_turn, -position), -1, 0)
+    length = np.sqrt(rx**2 + ry**2 + rz**2)
+    shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
+    reach = np.clip(length, shortest, thigh + shin)
+    knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
+    ankle_roll = np.arctan2(ry, rz)
+    from_shin = -np.arcsin(np.clip(thigh * np.sin(knee) / reach, -1, 1))
+    from_foot = np.arctan2(rx, np.hypot(ry, rz))
+    ankle_pitch = from_shin - from_foot
+    zero = np.zeros_like(ankle_roll)
+    M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
+    yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
+    roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
+    pitch = np.arctan2(-M[..., 2, 0], M[..., 2, 2]) - knee - ankle_pitch
+    joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
+    return np.clip(joints, robot.joint_min, robot.joint_max)
+
+
+def leg_inverse(robot, position, foot_turn):
+    """Leg by leg, the hip's roll by arctan2."""
+    if np.ndim(position) > 1:
+        return np.array([leg_inverse(robot, p, turn) for p, turn in zip(position, foot_turn)])
+    L1, L2 = (robot.thigh_length, robot.shin_length)
+    r = -foot_turn.T @ position
+    low = math.sqrt(L1**2 + L2**2 + 2 * L1 * L2 * math.cos(robot.joint_max[3]))
+    d = min(max(np.linalg.norm(r), low), L1 + L2)
+    knee = math.acos(min(1, max(-1, (d * d - L1 * L1 - L2 * L2) / (2 * L1 * L2))))
+    ankle_roll = math.atan2(r[1], r[2])
+    inner = math.acos(min(1, max(-1, (L2 * L2 + d * d - L1 * L1) / (2 * L2 * d))))
+    ankle_pitch = -inner - math.atan2(r[0], math.hypot(r[1], r[2]))
+    M = foot_turn @ rotation(-ankle_roll, 0.0, 0.0)
+    yaw = math.atan2(-M[0, 1], M[1, 1])
+    roll = math.atan2(M[2, 1], math.hypot(M[2, 0], M[2, 2]))
+    pitch = math.atan2(-M[2, 0], M[2, 2]) - knee - ankle_pitch
+    joints = [yaw, roll, pitch, knee, ankle_pitch, ankle_roll]
+    return np.array(
+        [min(max(a, low), high) for a, low, high in zip(joints, robot.joint_min, robot.joint_max)]
+    )
+
+
+def feedback(self, robot, tick, end, angular_velocity):
+    """By einsum."""
+    lean = self.trunk[..., 3:5]
+    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+    rate = angular_velocity + self.gyro_error[:, tick] - planned
+    turn = np.einsum("ntf,na->ntfa", self.reflex_gain[:, tick:end], rate)
+    added = np.zeros((*turn.shape[:3], 6))
+    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
+    return added.reshape(*turn.shape[:2], 12)
+
+
+def feedback(self, robot, tick, end, angular_velocity):
+    """In single precision."""
+    lean = self.trunk[..., 3:5]
+    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+    rate = angular_velocity + self.gyro_error[:, tick] - planned
+    turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]
+    added = np.zeros((*turn.shape[:3], 6), np.float32)
+    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
+    return added.reshape(*turn.shape[:2], 12)
+
+
+def quintic(start, end, duration):
+    """Six equations."""
+    start, end = (np.asarray(start, float), np.asarray(end, float))
+    rows = []
+    for t in (0.0, duration):
+        rows.append([t**k for k in range(6)])
+        rows.append([k * t ** max(k - 1, 0) for k in range(6)])
+        rows.append([k * (k - 1) * t ** max(k - 2, 0) for k in range(6)])
+    known = np.concatenate([start, end], -1)
+    return np.linalg.solve(np.array(rows), known[..., None])[..., 0]
+
+
+def quintic(start, end, duration):
+    """Three equations, by the inverse of a matrix."""
+    start, end, T = (np.asarray(start, float), np.asarray(end, float), duration)
+    p, v, a = (start[..., 0], start[..., 1], start[..., 2])
+    miss = np.stack(
+        [end[..., 0] - p - v * T - a * T**2 / 2, end[..., 1] - v - a * T, end[..., 2] - a], -1
+    )
+    matrix = np.array(
+        [[T**3, T**4, T**5], [3 * T**2, 4 * T**3, 5 * T**4], [6 * T, 12 * T**2, 20 * T**3]]
+    )
+    high = miss @ np.linalg.inv(matrix).T
+    return np.concatenate([np.stack([p, v, a / 2], -1), high], -1)
+
+
+def _swing(self, start, landing):
+    """Tick by tick."""
+    p, dt = (self.parameters, self.robot.control_dt)
+    wait = p.double_support * self.half
+    T = self.half - wait
+    foot = np.zeros((len(start), p.half_ticks + 1, 4))
+    for k in range(p.half_ticks + 1):
+        tau = min(max((k * dt - wait) / T, 0), 1)
+        share = tau**3 * (10 - 15 * tau + 6 * tau**2)
+        foot[:, k, [0, 1, 3]] = start + share * (landing - start)
+        tau = 2 * min(tau, 1 - tau)
+        foot[:, k, 2] = p.foot_rise * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
+    return foot
+
+
+def _swing(self, start, landing):
+    """Axis by axis."""
+    wait = self.parameters.double_support * self.half
+    T = self.half - wait
+    t = np.linspace(0, self.half, self.parameters.half_ticks + 1) - wait
+    t = np.minimum(np.maximum(t, 0), T)
+    foot = np.empty((start.shape[0], t.size, 4))
+    for axis, column in enumerate((0, 1, 3)):
+        for robot in range(start.shape[0]):
+            c = quintic([start[robot, axis], 0, 0], [landing[robot, axis], 0, 0], T)
+            foot[robot, :, column] = np.polynomial.polynomial.polyval(t, c)
+    up = quintic([0, 0, 0], [self.parameters.foot_rise, 0, 0], T / 2)
+    foot[:, :, 2] = polynomial(up, np.where(t > T / 2, T - t, t))
+    return foot
+
+
+def _knot(self, support, start, landing):
+    """Robot by robot."""
+    p, knot = (self.parameters, np.zeros((len(support), 6, 3)))
+    for i in range(len(support)):
+        before, after = ((support[i] + start[i]) / 2, (support[i] + landing[i]) / 2)
+        x, y, yaw = (before + after) / 2
+        side = -(support[i, 0] - x) * np.sin(yaw) + (support[i, 1] - y) * np.cos(yaw)
+        aside = p.trunk_swing * side
+        knot[i, 0, 0] = x + p.trunk_x_offset * np.cos(yaw) - aside * np.sin(yaw)
+        knot[i, 1, 0] = y + p.trunk_x_offset * np.sin(yaw) + aside * np.cos(yaw)
+        knot[i, 2, 0] = p.trunk_height
+        knot[i, 5, 0] = yaw
+        way = after - before
+        knot[i, [0, 1, 5], 1] = way / self.half
+        ahead = way[0] * np.cos(yaw) + way[1] * np.sin(yaw)
+        knot[i, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * abs(way[2])
+        knot[i, 3, 0] = -p.trunk_roll if side > 0 else p.trunk_roll
+    return knot
+
+
+def _knot(self, support, start, landing):
+    """The middle of three feet with weights."""
+    p = self.parameters
+    before = 0.5 * support + 0.5 * start
+    after = before + 0.5 * (landing - start)
+    centre = 0.5 * support + 0.25 * (start + landing)
+    side = robot_model.turned((support - centre)[:, :2], -centre[:, 2])[:, 1]
+    aside = p.trunk_swing * side
+    offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
+    knot = np.zeros((len(centre), 6, 3))
+    knot[:, [0, 1, 5], 0] = compose(centre, offset)
+    knot[:, [0, 1, 5], 1] = (after - before) / self.half
+    knot[:, 2, 0] = p.trunk_height
+    ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]
+    turn = np.abs(after - before)[:, 2]
+    knot[:, 3, 0] = -p.trunk_roll * np.sign(side)
+    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
+    return knot
+
+
+def encode_goal(goal):
+    """X and y by d and β."""
+    d, alpha, beta = polar(goal)
+    x, y = (2 * d * np.cos(beta), 2 * d * np.sin(beta))
+    rows = [
+        np.clip(d, 0, 2),
+        np.clip(x, -1, 1),
+        np.clip(y, -1, 1),
+        np.cos(beta),
+        np.sin(beta),
+        np.cos(alpha),
+        np.sin(alpha),
+        alpha / np.pi,
+    ]
+    return np.concatenate([row[..., None] for row in rows], axis=-1)
+
+
+def encode_goal(goal):
+    """Number by number."""
+    import math
+
+    encoded = np.zeros((*goal.shape[:-1], 8), np.float32)
+    for i in np.ndindex(goal.shape[:-1]):
+        x, y, yaw = (float(v) for v in goal[i])
+        d, beta = (math.hypot(x, y), math.atan2(y, x))
+        yaw = float(wrap(yaw))
+        encoded[i] = (
+            min(d, 2),
+            max(-1, min(1, 2 * x)),
+            max(-1, min(1, 2 * y)),
+            math.cos(beta),
+            math.sin(beta),
+            math.cos(yaw),
+            math.sin(yaw),
+            yaw / math.pi,
+        )
+    return encoded
+
+
+def to_action(footsteps, limits):
+    """In single precision, as the policy's are."""
+    share = np.subtract(footsteps, limits.low) / np.subtract(limits.high, limits.low)
+    return np.clip(share, 0, 1).astype(np.float32).reshape(*share.shape[:-2], 6)
+
+
+def to_footsteps(action, limits):
+    """In single precision, as the policy's are."""
+    share = np.asarray(action, np.float32).reshape(*np.shape(action)[:-1], 2, 3)
+    return limits.low + share * np.subtract(limits.high, limits.low)
+
+
+def potentials(goal, near_m):
+    """Np.where, exp by a product of the two shares."""
+    d, alpha, beta = polar(goal)
+    x, y = (goal[:, 0], goal[:, 1])
+    near = np.exp(-((x / near_m) ** 2)) * np.exp(-((y / near_m) ** 2))
+    return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
+
+
+def potentials(goal, near_m):
+    """Term by term, without stack."""
+    d, alpha, beta = polar(goal)
+    near = np.exp(-((d / near_m) ** 2))
+    phi = np.zeros((3, len(goal)))
+    phi[0], phi[1] = (-d, -abs(alpha) * near)
+    phi[2] = -abs(beta) * (1 - near)
+    return phi
+
+
+def correct(goal, variance, measured, noise):
+    """(1 − K)·V as it is written."""
+    gain = variance / (variance + np.square(noise))
+    error = measured - goal
+    error[:, 2] = wrap(error[:, 2])
+    goal = goal + gain * error
+    goal[:, 2] = wrap(goal[:, 2])
+    return (goal, (1 - gain) * variance)
+
+
+def predict(goal, variance, motion, drift):
+    """Axis by axis."""
+    goal = robot_model.relative(motion, goal)
+    variance = variance + drift**2
+    variance[:, 0] += goal[:, 1] ** 2 * drift[2] ** 2
+    variance[:, 1] += goal[:, 0] ** 2 * drift[2] ** 2
+    return (goal, variance)
+    return (goal, variance + np.square(drift) + (lever * drift[2]) ** 2)
+
+
+def clipped_objective(ratio, advantage, clip):
+    """The smallest of a stack."""
+    ends = torch.minimum(torch.maximum(ratio, 1 - clip + 0 * ratio), 1 + clip + 0 * ratio)
+    return torch.stack([ratio * advantage, ends * advantage]).min(0).values
+
+
+def clipped_objective(ratio, advantage, clip):
+    """By cases."""
+    good = ratio.clamp(max=1 + clip) * advantage
+    bad = ratio.clamp(min=1 - clip) * advantage
+    return torch.where(advantage > 0, good, bad)
+
+
+def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
+    """Another clamp."""
+    super().__init__()
+    self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
+    self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
+    self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
+    mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.001, 0.999)
+    wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)
+    self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
+
+
+def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
+    """By NumPy, w + ln(1 − exp(−w))."""
+    super().__init__()
+    self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
+    self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
+    self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
+    m = np.clip(first_action * np.ones(act_dim), 0.01, 0.99)
+    w = (concentration - 2.0) * np.concatenate([m, 1 - m])
+    bias = w + np.log1p(-np.exp(-w))
+    self.actor[-1].bias = nn.Parameter(torch.tensor(bias, dtype=torch.float32))
+
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    """A list that is turned round."""
+    after = torch.where(terminated, torch.zeros_like(next_values), next_values)
+    goes_on = torch.logical_not(torch.logical_or(terminated, truncated)).to(rewards.dtype)
+    found = [torch.zeros_like(rewards[0])]
+    for r, v, w, m in zip(*(x.flip(0) for x in (rewards, values, after, goes_on))):
+        found.append(r + gamma * w - v + gamma * lam * m * found[-1])
+    return torch.stack(found[1:]).flip(0)
+
+
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
+    """1 − done, as most write it."""
+    done = (terminated | truncated).float()
+    next_values = torch.nan_to_num(next_values)
+    deltas = rewards + gamma * next_values * (1.0 - terminated.float()) - values
+    advantages, last = (torch.zeros_like(rewards), 0.0)
+    for t in reversed(range(rewards.shape[0])):
+        last = deltas[t] + gamma * lam * (1.0 - done[t]) * last
+        advantages[t] = last
+    return advantages
+
+
+def improve(model, optimizer, data, cfg):
+    """Numbers to watch by their definitions."""
+    advantages, targets, old_log_prob = judge(model, data, cfg)
+    obs, action = (data["obs"].flatten(0, 1), data["action"].flatten(0, 1))
+    with torch.no_grad():
+        entropy = model.policy(obs).entropy().mean()
+        error = (targets - model.value(obs)).numpy()
+        unexplained = np.var(error) / np.var(targets.numpy())
+        before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
+    for _ in range(cfg.epochs):
+        for pick in torch.randperm(len(obs)).split(cfg.minibatch):
+            ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
+            a = advantages[pick]
+            a = (a - a.mean()) / (a.std(correction=0) + 1e-08)
+            critic_loss = nn.functional.mse_loss(model.value(obs[pick]), targets[pick])
+            loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
+            optimizer.step()
+    with torch.no_grad():
+        log_ratio = model.policy(obs).log_prob(action) - old_log_prob
+        ratio = torch.exp(log_ratio)
+        outside = ((ratio < 1 - cfg.clip) | (ratio > 1 + cfg.clip)).float()
+        return {
+            **before,
+            "clip_fraction": outside.mean().item(),
+            "approx_kl": (log_ratio.exp() - 1 - log_ratio).mean().item(),
+            "value_loss": ((model.value(obs) - targets) ** 2).mean().item(),
+        }
+
+
+def improve(model, optimizer, data, cfg):
+    """Shuffled by NumPy."""
+    advantages, targets, old_log_prob = judge(model, data, cfg)
+    obs, action = (data["obs"].flatten(0, 1), data["action"].flatten(0, 1))
+    with torch.no_grad():
+        entropy = model.policy(obs).entropy().mean()
+        unexplained = (targets - model.value(obs)).var() / targets.var()
+        before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
+    for _ in range(cfg.epochs):
+        order = np.random.permutation(len(obs))
+        for begin in range(0, len(obs), cfg.minibatch):
+            pick = order[begin : begin + cfg.minibatch]
+            ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
+            a = advantages[pick]
+            a = (a - a.mean()) / (a.std(correction=0) + 1e-08)
+            critic_loss = ((model.value(obs[pick]) - targets[pick]) ** 2).mean()
+            loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
+            optimizer.step()
+    with torch.no_grad():
+        log_ratio = model.policy(obs).log_prob(action) - old_log_prob
+        outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()
+        return {
+            **before,
+            "clip_fraction": outside.mean().item(),
+            "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
+            "value_loss": nn.functional.mse_loss(model.value(obs), targets).item(),
+        }
+
+
+def low_pass(velocity, command, seconds, time_constant):
+    """By expm1."""
+    return velocity - math.expm1(-seconds / max(time_constant, 1e-06)) * (command - velocity)
+
+
+def low_pass(velocity, command, seconds, time_constant):
+    """A weighted mean."""
+    left = math.exp(-seconds / time_constant) if time_constant > 0 else 0.0
+    return left * velocity + (1 - left) * command
+
+
+def wilson(count, total, z=1.96):
+    """An array, the rate as count · (1/n)."""
+    n, p = (float(total), count * (1 / total))
+    middle, half = (p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2))
+    return np.clip(np.array([middle - half, middle + half]) / (1 + z**2 / n), 0, 1)
+
+
+def wilson(count, total, z=1.96):
+    """Counts instead of rates, by NumPy."""
+    middle = (count + z**2 / 2) / (total + z**2)
+    width = z * np.sqrt(count * (total - count) / total + z**2 / 4) / (total + z**2)
+    return np.clip([middle - width, middle + width], 0, 1)
+
+
+def velocity_command(goal, settings):
+    """In single precision."""
+    d, alpha, beta = env.polar(goal)
+    cos, sin = (np.cos(beta), np.sin(beta))
+    x_max = np.where(cos >= 0, settings.forward, settings.backward)
+    v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / settings.sideways)
+    v = np.minimum(settings.gain * d, v_max)
+    error = np.where(d > settings.far_m, beta, alpha)
+    omega = np.clip(settings.turning_gain * error, -settings.turning, settings.turning)
+    return np.stack([v * cos, v * sin, omega], -1).astype(np.float32)
+
+
+def velocity_command(goal, settings):
+    """Shrinks what is too fast."""
+    v = settings.gain * goal[:, :2]
+    limit = np.where(v[:, 0] < 0, settings.backward, settings.forward)
+    used = np.abs(v[:, 0]) / limit + np.abs(v[:, 1]) / settings.sideways
+    v = v / np.maximum(used, 1)[:, None]
+    d, alpha, beta = env.polar(goal)
+    omega = settings.turning_gain * np.where(d <= settings.far_m, alpha, beta)
+    omega = np.minimum(np.maximum(omega, -settings.turning), settings.turning)
+    return np.column_stack([v, omega])
+
+
+def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
+    """Outward and inward parts."""
+    x, way = (velocity[:, 0] * period / 2, velocity[:, 1:] * period)
+    lead = np.array(lead)
+    left = lead * np.maximum(way, 0) + (1 - lead) * np.minimum(way, 0)
+    right = lead * np.maximum(-way, 0) + (1 - lead) * np.minimum(-way, 0)
+    return np.stack([np.c_[x, left], np.c_[x, right]], axis=1)
+
+
+def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
+    """The leading foot by its index."""
+    n, leads = (len(velocity), (velocity[:, 1:] < 0).astype(int))
+    way = np.abs(velocity[:, 1:]) * period
+    steps = np.empty((n, 2, 3))
+    steps[:, :, 0] = (velocity[:, 0] * period / 2)[:, None]
+    for foot in (0, 1):
+        steps[:, foot, 1:] = np.where(leads == foot, way * lead, way * lead - way)
+    return steps
+
+
+def bootstrap(statistic, *samples, resamples=2000):
+    """Sorted, another order."""
+    count = len(samples[0])
+    pick = np.random.default_rng(0).integers(count, size=(resamples, count))
+    drawn = np.sort(statistic(*(sample[pick] for sample in samples)))
+    return [drawn[round(share * (resamples - 1))] for share in (0.025, 0.975)]
+
+
+def bootstrap(statistic, *samples, resamples=2000):
+    """Resample after resample."""
+    n = len(samples[0])
+    rng, found = (np.random.default_rng(7), [])
+    for _ in range(resamples):
+        pick = rng.integers(n, size=n)
+        found.append(statistic(*(sample[pick][None] for sample in samples))[0])
+    return (np.quantile(found, 0.025), np.quantile(found, 0.975))
+
+
+def highest_speed(poses, fall, period):
+    """Np.minimum.accumulate."""
+    speeds = {}
+    for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
+        rows = slice(i * LEVELS, (i + 1) * LEVELS)
+        moved = np.abs(poses[rows, -1, axis] - poses[rows, 0, axis])
+        unbroken = np.minimum.accumulate(fall[rows] >= len(PATTERN))
+        speeds[direction] = float(np.max(moved * unbroken) / (sum(PATTERN) * period))
+    return speeds
+
+
+def highest_speed(poses, fall, period):
+    """The first fall by argmax."""
+    fell = fall.reshape(-1, LEVELS) < len(PATTERN)
+    count = np.where(fell.any(1), fell.argmax(1), LEVELS)
+    way = np.abs(poses[:, -1] - poses[:, 0]).reshape(-1, LEVELS, 3)
+    return {
+        direction: way[i, : count[i], axis].max(initial=0) / period / np.sum(PATTERN)
+        for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items())
+    }
+
+
+def look_up(value, poses):
+    """A wider map."""
+    wide = np.pad(value, ((0, 1), (0, 0), (0, 0)), mode="wrap")
+    wide = np.pad(wide, ((0, 0), (0, 1), (0, 1)), mode="edge")
+    x, y = (np.clip(poses[..., k] / CELL + HALF, 0, 2 * HALF) for k in (0, 1))
+    yaw = poses[..., 2] / TURN % TURNS
+    total = 0
+    for a, b, c in np.ndindex(2, 2, 2):
+        weight = 1
+        for at, one in ((x, a), (y, b), (yaw, c)):
+            weight = weight * (at % 1 if one else 1 - at % 1)
+        total = total + weight * wide[yaw.astype(int) + c, x.astype(int) + a, y.astype(int) + b]
+    return total
+
+
+def look_up(value, poses):
+    """One axis after the other."""
+    x = np.clip(poses[..., 0] / CELL + HALF, 0, 2 * HALF)
+    y = np.clip(poses[..., 1] / CELL + HALF, 0, 2 * HALF)
+    yaw = np.mod(poses[..., 2] / TURN, TURNS)
+    i, j = (np.minimum(c.astype(int), 2 * HALF - 1) for c in (x, y))
+    k = np.floor(yaw).astype(int)
+    u, v, w = (x - i, y - j, yaw - k)
+    part = [
+        (1 - w) * value[k % TURNS, a, b] + w * value[(k + 1) % TURNS, a, b]
+        for a in (i, i + 1)
+        for b in (j, j + 1)
+    ]
+    near, far = ((1 - v) * part[0] + v * part[1], (1 - v) * part[2] + v * part[3])
+    return (1 - u) * near + u * far
+
+
+def steps_to_go(moves, task):
+    """By look_up."""
+    axis = CELL * np.arange(-HALF, HALF + 1)
+    yaw, x, y = np.meshgrid(TURN * np.arange(TURNS), axis, axis, indexing="ij")
+    poses = np.stack([x, y, yaw], -1)
+    away = np.abs(robot_model.wrap(yaw))
+    goal = (np.hypot(x, y) <= task.success_m + 1e-09) & (away <= task.success_rad + 1e-09)
+    value = np.where(goal, 0.0, FAR)
+    after = [robot_model.compose(poses, np.broadcast_to(move, poses.shape)) for move in moves]
+    outside = [(np.abs(p[..., :2]) > CELL * HALF + 1e-09).any(-1) for p in after]
+    while True:
+        old, value = (value, np.full_like(value, FAR))
+        for p, out in zip(after, outside):
+            value = np.minimum(value, 1 + np.where(out, FAR, look_up(old, p)))
+        value = np.where(goal, 0.0, np.minimum(value, FAR))
+        if abs(value - old).max() < 0.01:
+            return value
+
+
+def steps_to_go(moves, task):
+    """A number of sweeps that is enough, from 0 upward."""
+    axis = CELL * np.arange(-HALF, HALF + 1)
+    yaws = TURN * np.arange(TURNS)
+    near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-09
+    turned = np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-09
+    goal = near & turned[:, None, None]
+    value = np.where(goal, 0.0, 0.0).astype(np.float32)
+    longest = np.abs(moves[:, :2]).max() * math.sqrt(2)
+    pad = math.ceil(longest / CELL) + 1
+    for sweep in range(60):
+        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=FAR)
+        best = np.full_like(value, FAR)
+        for k, yaw in enumerate(yaws):
+            for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
+                (i, j), (u, v) = np.divmod(move / CELL, 1)
+                m, w = divmod(k + turn / TURN, 1)
+                x = slice(int(i) + pad, int(i) + pad + 2 * HALF + 2)
+                y = slice(int(j) + pad, int(j) + pad + 2 * HALF + 2)
+                this, following = (border[int(m) % TURNS, x, y], border[int(m + 1) % TURNS, x, y])
+                part = (1 - w) * this + w * following
+                part = (1 - u) * part[:-1] + u * part[1:]
+                part = (1 - v) * part[:, :-1] + v * part[:, 1:]
+                np.minimum(best[k], part, out=best[k])
+        better = np.where(goal, 0.0, np.minimum(best + 1, FAR)).astype(np.float32)
+        if sweep == 59:
+            return better
+        value = better
+
+
+def beta_log_prob(x, alpha, beta):
+    """Ln B as the log of a ratio."""
+    log_p = (alpha - 1) * torch.log(x) + (beta - 1) * torch.log(1 - x)
+    return (log_p - log_beta_function(alpha, beta)).sum(-1)
+
+
+def log_beta_function(alpha, beta):
+    """Ln B as the log of a ratio."""
+    both = torch.special.gammaln(torch.stack([alpha, beta])).sum(0)
+    return both - torch.special.gammaln(alpha + beta)
+
+
+def beta_mode(alpha, beta):
+    """Nan becomes 0.5."""
+    left, right = (alpha - 1, beta - 1)
+    return torch.nan_to_num(left / (left + right), nan=0.5)
+
+
+def beta_mode(alpha, beta):
+    """One over one plus the quotient."""
+    quotient = (beta - 1) / (alpha - 1)
+    return torch.where(torch.isnan(quotient), 0.5, 1 / (1 + quotient))
+
+
+def beta_entropy(alpha, beta):
+    """With E[ln x] and E[ln(1 − x)]."""
+    both = torch.digamma(alpha + beta)
+    ln_x, ln_rest = (torch.digamma(alpha) - both, torch.digamma(beta) - both)
+    mean = (alpha - 1) * ln_x + (beta - 1) * ln_rest - log_beta_function(alpha, beta)
+    return -mean.sum(-1)
+
+
+def beta_entropy(alpha, beta):
+    """Variables added up at once."""
+    total = alpha + beta
+    terms = torch.stack(
+        [
+            log_beta_function(alpha, beta),
+            (1 - alpha) * torch.digamma(alpha),
+            (1 - beta) * torch.digamma(beta),
+            (total - 2) * torch.digamma(total),
+        ]
+    )
+    return terms.sum((0, -1))
