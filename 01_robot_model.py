@@ -625,7 +625,7 @@ class PymunkSim:
         pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Yaw ψ is a degree of freedom of its own: a spring with a slipping clutch (`_run_yaw`). The
+    Yaw ψ is a degree of freedom of its own: a spring with a slipping clutch (`run_yaw`). The
     spring is the hip's yaw motor. It is twisted by the lag e, the commanded minus the true yaw; its
     rate ė is the commanded minus the true yaw rate. The clutch is the sole on the ground: it slips
     where the torque τ would exceed what friction can bear. If e reaches bound / k, it stays there.
@@ -756,10 +756,10 @@ class PymunkSim:
 
     def run(self, robots, trajectory):
         """Let these robots [n] follow their trajectory; returns their Motion."""
-        seen = self._run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
+        seen = self.run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
-        yaw = self._run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
+        yaw = self.run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
         # The torso frame is below the centre of its body: (x, z) −= down·(−sin angle, cos angle)
         x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
         down = self.links[0].com[2]  # [m]
@@ -779,7 +779,7 @@ class PymunkSim:
         omega = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.OMEGA], yaw_rate * np.cos(pitch)]
         return Motion(torso, joints, np.stack(omega, -1), fell)
 
-    def _run_plane(self, trajectory, robots):
+    def run_plane(self, trajectory, robots):
         """Bodies [n, T + 1, 7, 6], before and after every tick."""
         robot = self.robot
         targets = trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
@@ -818,7 +818,7 @@ class PymunkSim:
         self.bodies[robots] = seen[:, -1]
         return seen
 
-    def _run_yaw(self, seen, turn, robots):
+    def run_yaw(self, seen, turn, robots):
         """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and commanded turns [n, T] [rad]."""
         robot = self.robot
         dt = robot.control_dt

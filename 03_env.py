@@ -401,7 +401,7 @@ class FootstepWorld:
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
-    def _noisy(self, purpose, exact, robots, std):
+    def noisy(self, purpose, exact, robots, std):
         """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
         return np.array(
             [rng.normal(mean, std) for rng, mean in zip(self.rngs[robots, purpose], exact)]
@@ -411,7 +411,7 @@ class FootstepWorld:
         """The View of these robots after one more measurement: once before every decision."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
-        measured = self._noisy(NOISE, self.relative_goal(robots), robots, std)
+        measured = self.noisy(NOISE, self.relative_goal(robots), robots, std)
         # Without noise K is 1: only the new measurement counts. (R is not exactly 0, or a second
         # measurement would have K = V / (V + R) = 0 / 0.)
         goal, self.variance[robots] = correct(
@@ -419,7 +419,7 @@ class FootstepWorld:
         )
         self.estimate[robots] = goal
         std = self.noise * np.repeat([task.imu_rad, task.imu_rad_s], [2, 3])
-        imu = self._noisy(IMU, self.imu[robots], robots, std)
+        imu = self.noisy(IMU, self.imu[robots], robots, std)
         imu[:, :2] /= 0.25  # [rad] in the table's unit
         actions = self.actions[robots]
         # From [0, 1] to [−1, 1]

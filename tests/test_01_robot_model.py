@@ -1028,7 +1028,7 @@ def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
     after[4, :, 4] += 20 * ROBOT.gravity * dt  # a hard landing
     after[5, :, 4] -= 2 * ROBOT.gravity * dt  # it falls faster than by its weight
     seen = np.stack([before, after], 1)  # [N, T + 1, 7, 6]
-    yaw = sim._run_yaw(seen, np.full((6, 1), 0.5), np.arange(6))[:, 1]  # commanded: 0.5 rad
+    yaw = sim.run_yaw(seen, np.full((6, 1), 0.5), np.arange(6))[:, 1]  # commanded: 0.5 rad
     weight = np.array([sum(link.mass for link in planar_bodies(space)) for space in sim.spaces])
     largest = body.friction * weight * ROBOT.gravity * sim.sole_radius  # [N m]
     torque = yaw * ROBOT.yaw_inertia / dt**2

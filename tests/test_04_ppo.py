@@ -581,45 +581,45 @@ def test_advantages_are_normalised():
 
 
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
-    rates, sharpness = [], []
-
-    def spy(function):
-        def spied(model, other, *rest):
-            sharpness.append(model.sharpness)
-            if function is improve:
-                rates.append([group["lr"] for group in other.param_groups])  # of the optimizer
-            return function(model, other, *rest)
-
-        return spied
-
-    collect, improve = ppo.collect, ppo.improve
-    monkeypatch.setattr(ppo, "collect", spy(collect))
-    monkeypatch.setattr(ppo, "improve", spy(improve))
     cfg = replace(SMALL, epochs=1, sharpest=6.0)
     samples = cfg.num_envs * cfg.rollout
-    _, rows = learn(zero, constant, tmp_path, updates=4 + 1 / samples, cfg=cfg)
+    cfg = replace(cfg, minibatch=samples)  # a gradient step in an update
+    rates, collecting, learning = [], [], []
+
+    class Mine(ppo.ActorCritic):
+        def sample(self, obs):
+            collecting.append(self.sharpness)
+            return super().sample(obs)
+
+        def policy(self, obs):
+            learning.append(self.sharpness)
+            return super().policy(obs)
+
+    class Spy(torch.optim.Adam):
+        def step(self):
+            rates.append([group["lr"] for group in self.param_groups])
+            super().step()
+
+    monkeypatch.setattr(torch.optim, "Adam", Spy)
+    envs = partial(Probe, first=zero, play=constant)
+    _, rows = ppo.train(cfg, envs, tmp_path, 4 * samples + 1, make_model=Mine)
     assert [row["steps"] for row in rows] == [samples * u for u in (1, 2, 3, 4, 5)], (
         "what does not fill an update is rounded up to a whole one"
     )
     want = [[cfg.learning_rate * share] for share in (1.0, 0.8, 0.6, 0.4, 0.2)]
     close(rates, want, err_msg="linearly to 0 after the last update, and Adam has to be told")
     close([[row["learning_rate"]] for row in rows], want)
-    close(
-        sharpness,
-        np.repeat([1, 2, 3, 4, 5], 2),
-        err_msg=(
-            "linearly from 1 to `sharpest` after the last update, alike while collecting and learning"
-        ),
-    )
+    close(collecting, np.repeat([1, 2, 3, 4, 5], cfg.rollout), err_msg="linearly up to `sharpest`")
+    assert (np.diff(learning) >= 0).all() and set(learning) == {1, 2, 3, 4, 5}, "learning alike"
 
 
 def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
     made = []
 
     class Mine(ppo.ActorCritic):
-        def __init__(self, *shape):
-            made.append(shape)
-            super().__init__(*shape)
+        def __init__(self, *shape, **more):
+            made.append((*inspect.signature(super().__init__).bind(*shape, **more).args,))
+            super().__init__(*shape, **more)
 
     class Neutral(Probe):
         neutral_action = np.array([0.3])
@@ -678,16 +678,14 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     stopped(parts, 4)
     assert not (parts / "policy.pt").exists(), "it is written at the end"
     middle = ppo.load_plain(parts / "checkpoint.pt", "model", "optimizer")
-    begin, made = mock.Mock(wraps=ppo.collect), []
+    made = []
 
     def adam(*args, **more):
         made.append(ADAM(*args, **more))
         return made[0]
 
-    with mock.patch.object(ppo, "collect", begin), mock.patch.object(torch.optim, "Adam", adam):
+    with mock.patch.object(torch.optim, "Adam", adam):
         model, rows = ppo.train(QUICK, wandering, parts, 7 * 64, 3, resume=True)
-    assert begin.call_count == 4, "three updates were made, four are left"
-    assert begin.call_args_list[0].args[0] is model
     for row, other in zip(rows, want, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
         assert (row["steps"], row["learning_rate"]) == (other["steps"], other["learning_rate"])
@@ -696,7 +694,7 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     assert rows[3]["entropy"] != want[3]["entropy"], "fresh episodes: not bit for bit the same"
     assert abs(rows[3]["entropy"] - want[3]["entropy"]) < 0.2, "but the same networks"
     for state, updates in ((middle["optimizer"], 3), (made[0].state_dict(), 7)):
-        assert state["state"][0]["step"] == updates * QUICK.epochs * 2, "Adam's state, too"
+        assert state["state"][0]["step"] == updates * QUICK.epochs * 2, "and Adam's state"
     assert model.sharpness == QUICK.sharpest and not (parts / "checkpoint.pt").exists()
 
 

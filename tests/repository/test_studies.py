@@ -121,9 +121,9 @@ def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(400, "pymunk", noise=True, cores=1)
     world.reset(robots, [np.random.default_rng([0, i]) for i in robots])
-    seen = [world._noisy(env.NOISE, zero, robots, std) for world.steps[:] in range(12)]
+    seen = [world.noisy(env.NOISE, zero, robots, std) for world.steps[:] in range(12)]
     world.steps[:] = 0
-    anew = world._noisy(env.NOISE, zero, robots, std)
+    anew = world.noisy(env.NOISE, zero, robots, std)
     world.close()
     close(np.std(seen, (1, 2)), 0.05, rtol=0.08, err_msg="also the first")
     for one, other, want in (

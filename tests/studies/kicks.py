@@ -46,8 +46,8 @@ class SlowNoise(env.FootstepWorld):
         super().__init__(num_robots, *args, **settings)
         self.last = np.zeros((num_robots, 3))
 
-    def _noisy(self, purpose, exact, robots, std):
-        noisy = super()._noisy(purpose, exact, robots, std)
+    def noisy(self, purpose, exact, robots, std):
+        noisy = super().noisy(purpose, exact, robots, std)
         if purpose != env.NOISE or not self.noise:
             return noisy
         # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
