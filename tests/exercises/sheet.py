@@ -86,14 +86,17 @@ def main():
     names, out = args.only or list(BOOK), args.out.resolve()
     if unknown := [name for name in names if name not in BOOK]:
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
-    paths = [find(row.file) for row in BOOK.values()]
-    if out in [path.parent for path in paths]:
+    if out in [find(row.file).parent for row in BOOK.values()]:
         refuse(f"{out} holds the solutions; take another folder")
-    if not args.force and any((out / path.name).exists() for path in paths):
+    texts = sheets(names)
+    if args.force:  # only the files of the named exercises; others may be solved
+        named = {f"{BOOK[name].file}.py" for name in names}
+        texts = {name: texts[name] for name in texts if name in named or not (out / name).exists()}
+    elif any((out / name).exists() for name in texts):
         refuse(f"{out} holds exercises; --force overwrites them, --out FOLDER writes elsewhere")
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for name, text in sheets(names).items():
+        for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
         refuse(f"cannot write to {out}: {error.strerror}")

@@ -2,10 +2,16 @@
 
 import itertools
 import math
+import runpy
+import signal
+import subprocess
+import sys
+import time
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from types import SimpleNamespace
 
 import ablations
@@ -22,7 +28,6 @@ robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
 equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 ROBOT, LIMITS = robot_model.RobotModel(), env.LIMITS["pymunk"]
-STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark")
 
 
 @pytest.fixture(autouse=True)
@@ -30,7 +35,7 @@ def one_process(monkeypatch):
     monkeypatch.setattr(robot_model, "CORES", 1)
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", common.STUDIES)
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
     study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
     assert "?" in study.__doc__.splitlines()[0], "the first line is the question it answers"
@@ -73,6 +78,47 @@ def test_the_shipped_table_is_that_of_the_shipped_numbers(path):
         robot_model.plt.close(figure)
 
 
+def test_a_finished_training_of_the_ablations_is_not_made_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(ablations, "judged", lambda *_: {"success": 0.5})
+    trained = []
+    monkeypatch.setattr(ablations, "learn", lambda *job, **more: trained.append(job))
+    rows = [ablations.ablate("pymunk", "reference", 1) for _ in range(2)]
+    assert rows == [{"variant": "reference", "seed": 1, "success": 0.5}] * 2 and len(trained) == 1
+
+
+def test_a_damaged_file_of_a_study_is_one_line(tmp_path):
+    (tmp_path / "seeds.json").write_text('{"rows": [')
+    with pytest.raises(robot_model.InputError, match="seeds.json: damaged .*delete it"):
+        common.read_json(tmp_path / "seeds.json")
+
+
+def test_help_of_common_writes_no_page(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["common.py", "--help"])
+    monkeypatch.setattr(evaluate, "write_text", pytest.fail)
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_path(common.__file__, run_name="__main__")
+    assert stopped.value.code == 0 and "usage" in capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="no process can be sent Ctrl-C alone there")
+def test_ctrl_c_stops_the_ablations_with_their_workers(tmp_path):
+    script = Path(ablations.__file__)
+    command = [sys.executable, script, "--only", "ablations", "--out", tmp_path]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        begun = tmp_path / "runs" / "pymunk" / "studies" / "ablations"
+        end = time.monotonic() + 60
+        while time.monotonic() < end and not [*begun.rglob("checkpoint.pt")]:
+            time.sleep(0.2)  # until a training has made an update
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=20)[1]
+    assert process.returncode == 2 and "ablations.py: interrupted" in said, said[-2000:]
+    before = {path: path.stat().st_mtime_ns for path in begun.rglob("*")}
+    time.sleep(4)
+    assert before == {path: path.stat().st_mtime_ns for path in begun.rglob("*")}, "it trains on"
+
+
 def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     monkeypatch.setattr(common, "PER_SET", 3)
     planner, short = evaluate.BaselinePlanner(), replace(env.Task(), time_limit=2.6)  # [s]
@@ -87,26 +133,6 @@ def test_walks_are_those_of_stage_05_set_by_set(monkeypatch):
     with common.world("pymunk", num_robots=2, **kicks.ground(1.2)) as world:
         world.reset([0, 1])
         assert world.noise and (world.friction == 1.2).all(), "friction is what was asked for"
-
-
-def test_a_policy_is_compared_with_its_references(monkeypatch):
-    def walks(seconds, *_):  # here a planner is the time of its three walks
-        yes = np.full(3, True)
-        return {
-            "outcome": np.full(3, "success"),
-            "time": np.full(3, seconds),
-            "time_once": np.full(3, seconds),
-            "still_there": yes,
-            "reached_once": yes,
-        }
-
-    monkeypatch.setattr(common, "walks", walks)
-    monkeypatch.setattr(common, "PER_SET", 3)
-    rows = seeds.walked("pymunk", {0: 4.0, 1: 1.0}, 1, {"baseline": 8.0})["rows"]
-    ratios = [(row["planner"], row["seed"], row.get("over_baseline")) for row in rows]
-    near = [("baseline", None, None), ("policy", 0, 0.5), ("policy", 1, 0.125)]
-    assert ratios == near + near, "near, then far"
-    assert [row["falls"] for row in rows] == [0] * 6
 
 
 def test_the_median_seed_is_neither_the_best_nor_the_worst():
@@ -132,23 +158,6 @@ def test_slow_noise_is_as_large_and_stays():
         (seen[-1], anew, 0),
     ):
         assert np.corrcoef(np.ravel(one), np.ravel(other))[0, 1] == pytest.approx(want, abs=0.1)
-
-
-def test_pushes_meet_every_planner_with_and_without_the_reflex(monkeypatch):
-    met = []
-    monkeypatch.setattr(common, "PER_SET", 1)
-    monkeypatch.setattr(common, "row_of", lambda ended, name, far: {"planner": name})
-    monkeypatch.setattr(
-        common,
-        "walks",
-        lambda planner, world, *_, **more: met.append((world.engine.parameters.reflex, world.push)),
-    )
-    monkeypatch.setattr(common, "policy", lambda path, sim: path)
-    rows = kicks.study_pushes(Namespace(sim="mujoco"))["rows"]
-    kinds = [*itertools.product((True, False), kicks.SPEEDS, ("policy", "baseline_tuned"))]
-    assert [(row["reflex"], row["speed"], row["planner"]) for row in rows] == kinds
-    gain = walk_engine.TUNED["mujoco"].reflex
-    assert met == [(gain * reflex, speed) for reflex, speed, _ in kinds], "what the row says"
 
 
 def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
@@ -190,102 +199,39 @@ def test_soles_are_where_mujoco_has_them():
             )
 
 
-def test_measure_of_robots_that_do_exactly_what_was_made_up(monkeypatch):
-    """Robots follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""
+def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
+    """Robots that follow their plan, but 4 mm too high and drifting 1 mm ahead per tick."""
     p = replace(
-        walk_engine.TUNED["mujoco"],
-        half_ticks=30,
-        double_support=1 / 3,
-        foot_rise=0.04,
-        trunk_roll=0.05,
+        walk_engine.TUNED["mujoco"], half_ticks=30, double_support=1 / 3, foot_rise=0.04
     )  # the swing: 20 of 30 ticks
-    plans, rows, seen = walk.PLANS, 4 * walk.LEVELS, {}
-
-    def fake(sim, parameters, footsteps, body, disturb, watch):
-        n, count = footsteps.shape[:2]
-        seen["footsteps"], seen["body"] = footsteps, body
-        engine = walk_engine.WalkEngine(n, parameters)
-        trajectory, _ = engine.plan(footsteps[:, 0], np.arange(n))
-        seen["gyro"] = np.empty((n, 0, 2))
-        for _ in range(2):  # double steps
-            disturb(trajectory, np.arange(n))
-            seen["gyro"] = np.concatenate([seen["gyro"], trajectory.gyro_error], 1)
-        torso, fell = trajectory.trunk[:, 1:].copy(), np.arange(n) % 3 == 0
-        torso[..., 0] += 0.001 * np.arange(torso.shape[1])
-        torso[..., 2] += 0.004
-        torso[fell, :, 2] = -1  # whoever fell has no clearance
-        watch(engine, robot_model.Motion(torso, trajectory.joints[:, 1:], None, fell))
-        wanted, fall = np.ones((n, count + 1, 3)), np.full(n, count)
-        wanted[:, 0] = 0
-        poses = wanted * np.repeat([0.5, 0.6, 0.7, 9], [rows, rows, rows, plans])[:, None, None]
-        fall[-plans::2] = count // 2  # every other random walk falls half-way
-        return poses, wanted, fall
-
-    monkeypatch.setattr(walk_engine, "walk_plans", fake)
-    got, period = walk.measure("mujoco", p, seed=3), 0.6
-    assert len(seen["footsteps"]) == 3 * rows + plans
-    friction = seen["body"].friction
-    equal(friction[: 3 * rows], np.repeat(walk.FRICTION, rows))
-    limits, random = env.LIMITS["mujoco"], seen["footsteps"][3 * rows :]
-    assert ((random >= limits.low) & (random <= limits.high)).all(), "beyond the limits"
-    for found, limit in ((random.min((0, 1)), limits.low), (random.max((0, 1)), limits.high)):
-        close(found, [limit] * 2, rtol=0.05, atol=0.005, err_msg="plans use all of the limits")
-    assert np.ptp(friction[3 * rows :]) > 0.3, "random walks have the ground that they drew"
-    assert np.ptp(seen["body"].mass) > 0.1, "all have drawn bodies"
-    gyro = seen["gyro"]  # [n, 120, 2] errors [rad/s]
-    assert gyro.mean(1).std() == pytest.approx((0.05**2 / 3 + 0.1**2 / 120) ** 0.5, rel=0.1), (
-        "a constant error of each robot, ± 0.05 rad/s"
-    )
-    assert gyro.std(1).mean() == pytest.approx(0.1, rel=0.03), "noise in every tick [rad/s]"
-    moving = sum(walk.PATTERN) * period  # [s]
-    for share, speeds, tracking in zip((0.5, 0.6, 0.7), got["speeds"], got["tracking"]):
-        for direction in walk.DIRECTIONS:
-            assert speeds[direction] == pytest.approx(share / moving), direction
-            assert tracking[direction] == pytest.approx(share), f"{direction}: walked ÷ commanded"
-    assert got["stood"] == 0.5, "the share of random plans"
-    assert got["steps"] == 0.75, "the share of random double steps"
+    engine = walk_engine.WalkEngine(2, p)
+    plan, _ = engine.plan([[[0.08, 0, 0], [0.08, 0, 0]]] * 2, [0, 1])
+    torso = plan.trunk[:, 1:].copy()
+    torso[..., 0] += 0.001 * np.arange(torso.shape[1])
+    torso[..., 2] += 0.004
+    torso[1, :, 2] = -1  # whoever fell has no clearance
+    fell = np.array([False, True])
+    motion = robot_model.Motion(torso, plan.joints[:, 1:], None, fell)
+    clearance, slip = walk.clearance_and_slip(engine, motion)
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
-    close(got["clearance"], want, atol=1e-9, err_msg="the SWING foot's lowest, amid a swing")
-    assert got["slip"] == pytest.approx(0.019), "19 ticks of drift while the other foot swings"
+    close(np.ravel(clearance), want, atol=1e-9, err_msg="the lowest amid a swing")
+    close(np.ravel(slip), 0.019, atol=1e-9, err_msg="19 ticks of drift while the other swings")
 
 
-def test_tuning_takes_the_best_quarter_and_moves_towards_the_optimum(monkeypatch):
-    """Instead of walking, every candidate is scored by its distance to a known optimum."""
-    optimum, seen, worlds = np.linspace(0.25, 0.75, len(walk.SEARCH)), [], []
-    low, high = np.array(list(walk.SEARCH.values())).T
+def test_the_cross_entropy_method_draws_nearer_to_the_best():
+    optimum, seen = np.array([0.3, 0.7]), []
 
-    def shares(parameters):  # what is searched, as shares [12] of the ranges
-        return (np.array([getattr(parameters, key) for key in walk.SEARCH]) - low) / (high - low)
+    def costs(iteration, drawn):
+        seen.append(drawn)
+        return np.linalg.norm(drawn - optimum, axis=1)
 
-    def measure(sim, parameters, seed):
-        seen.append(shares(parameters))
-        worlds.append(seed)
-        return np.linalg.norm(seen[-1] - optimum)
-
-    monkeypatch.setattr(walk, "measure", measure)
-    monkeypatch.setattr(walk, "score", lambda sim, away: -away)
-    monkeypatch.setattr(walk, "in_words", str)
-    for sim, fixed in (("pymunk", walk.PLANAR_FIXED), ("mujoco", ())):
-        seen.clear()
-        worlds.clear()
-        found = shares(walk.tune(sim, seed=1, iterations=15))
-        assert np.min(seen) > -1e-3 and np.max(seen) < 1.001, "outside of its range"
-        searched = [name for name, width in zip(walk.SEARCH, np.ptp(seen, 0)) if width > 0]
-        assert searched == [name for name in walk.SEARCH if name not in fixed], sim
-    close(seen[0], shares(walk_engine.TUNED["mujoco"]), atol=1e-3, err_msg="where the last ended")
-    rounds, worlds = np.reshape(seen, (15, 28, -1)), np.reshape(worlds, (15, 28))
-    away = np.linalg.norm(rounds - optimum, axis=-1)  # [15, 28]
-    best = rounds[0, away[0].argsort()[:7]]
-    # The candidates are rounded, half_ticks to one of 15 whole numbers: hence the tolerance.
-    error = np.abs(rounds[1, 0] - 0.3 * seen[0] - 0.7 * best.mean(0))
-    assert (error < np.where(np.array([*walk.SEARCH]) == "half_ticks", 0.06, 3e-3)).all(), (
-        "the new mean: 30 % of the old one, 70 % of the BEST quarter, those of the largest scores"
-    )
-    # A local search whose spread shrinks quickly: from this far it stops at about 40 %.
-    assert np.linalg.norm(found - optimum) < 0.5 * away[0, 0], "further away than half of the way"
-    assert (worlds == worlds[:, :1]).all(), "in one round luck must be the same for all"
-    assert len(set(worlds[:, 0])) == 15, "other worlds in every round: or it learns one by heart"
+    start, rng = np.array([0.5, 0.5]), np.random.default_rng(0)
+    found = common.cross_entropy(costs, start, 0.1, (15, 28, 7), rng, 0.0, 1.0)
+    close(found, optimum, atol=0.03)
+    assert np.shape(seen) == (15, 28, 2) and 0 <= np.min(seen) and np.max(seen) <= 1
+    best = seen[0][np.linalg.norm(seen[0] - optimum, axis=1).argsort()[:7]]
+    close(seen[1][0], 0.3 * start + 0.7 * best.mean(0), err_msg="towards the best quarter")
 
 
 def test_the_shipped_share_of_falls_is_that_within_the_limits():
@@ -354,25 +300,3 @@ def test_the_least_time_by_hand():
         0.6 * np.array([1, 3, 4, 2, 3, 3]),
         err_msg=("to the edge of the tolerance, 5 cm and 10°, in whole double steps; at least one"),
     )
-
-
-@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
-def test_no_plan_is_faster_than_the_least_time(sim):
-    """The walk engine plans every extreme double step eight times in a row, and others at random.
-    The goal is where the trunk comes to, and farther on by the tolerance.
-    """
-    robots, limits = np.arange(512), env.LIMITS[sim]
-    engine = env.walk_engine.WalkEngine(512, env.walk_engine.TUNED[sim], planar=sim == "pymunk")
-    world = SimpleNamespace(task=env.Task(), limits=limits, engine=engine)
-    extreme = np.array([*itertools.product((0.0, 1.0), repeat=6)])  # [64, 6] actions
-    chosen = np.random.default_rng(0).integers(64, size=(8, 512))
-    chosen[:, :64] = np.arange(64)
-    start = engine.trunk[0, [0, 1, 5], 0].copy()
-    for steps, row in enumerate(chosen, 1):
-        trajectory, _ = engine.plan(env.to_footsteps(extreme[row], limits), robots)
-        goals = trajectory.trunk[:, -1, [0, 1, 5]] - start
-        goals[:, :2] *= 1 + 0.0499 / np.hypot(*goals.T[:2])[:, None]
-        goals[:, 2] += np.copysign(math.radians(9.99), goals[:, 2])
-        least = seeds.least_time(goals, world) / engine.period
-        assert least.max() <= steps + 1e-9, f"{extreme[row[least.argmax()]]} is faster"
-        assert least.max() == pytest.approx(steps), "some walk needs all of these double steps"

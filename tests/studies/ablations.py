@@ -6,6 +6,7 @@ long: two trainings as long as the shipped one, beside it; their walks are pushe
 choices: what else could be shipped; chosen on these walks of the tuning stream, pushed ones, too.
 """
 
+import json
 import multiprocessing
 import threading
 from concurrent.futures import ProcessPoolExecutor
@@ -16,7 +17,7 @@ from itertools import product
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import FEW, env, evaluate, ppo, robot_model
+from common import FEW, env, evaluate, ppo, robot_model, share
 from tqdm import tqdm
 
 torch = ppo.torch
@@ -114,10 +115,14 @@ def learn(sim, name, seed, steps, folder, cores=None):
 
 
 def ablate(sim, name, seed):
-    """The row of one short training on one core."""
+    """The row of one short training on one core; that of a finished one lies in its folder."""
     folder = common.work(sim, "ablations", f"{name}_{seed}")
-    planner = learn(sim, name, seed, STEPS, folder, cores=1)
-    return {"variant": name, "seed": seed, **judged(planner, sim, "reflex" not in VARIANTS[name])}
+    path = folder / "row.json"
+    if not path.is_file():
+        planner = learn(sim, name, seed, STEPS, folder, cores=1)
+        row = judged(planner, sim, "reflex" not in VARIANTS[name])
+        evaluate.write_text(path, json.dumps(row))
+    return {"variant": name, "seed": seed, **common.read_json(path)}
 
 
 def watch_parent():
@@ -130,7 +135,12 @@ def study_ablations(args):
     jobs = list(product([args.sim], VARIANTS, FEW))
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(robot_model.CORES, context, watch_parent) as pool:
-        rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
+        try:
+            rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
+        except KeyboardInterrupt:
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
 
@@ -201,6 +211,59 @@ def plot(found, sim):
         axis.set(xlabel=common.HEADS[key], yticks=range(len(VARIANTS)), yticklabels=VARIANTS)
     figure.suptitle(f"{STEPS:,} double steps of training ({sim})")
     return figure
+
+
+def found(data):
+    """Sentences and tables by name, from the numbers of both simulators."""
+    short, long, choices = (
+        data[sim][part]["rows"]
+        for sim, part in (("pymunk", "ablations"), ("mujoco", "long"), ("mujoco", "choices"))
+    )
+
+    def mean(rows, key, **wanted):
+        return np.mean(common.values(rows, key, **wanted))
+
+    distance, angle = (mean(short, "success", variant=f"without r_{name}") for name in "da")
+    plain, sharp = (
+        mean(short, "time_mean", variant=name) for name in ("no sharpening", "reference")
+    )
+    trained, chosen = [], []
+    for name in dict.fromkeys(row["variant"] for row in long):
+        calm, pushed = common.pick(long, variant=name, goal_std_m=1.0)
+        trained.append(
+            f"{name} | {calm['time_mean']:.1f} | {share(calm['fall'], 1)} "
+            f"| {share(pushed['fall'], 1)} | {share(calm['critic'])}"
+        )
+    for name in dict.fromkeys(row["variant"] for row in choices):
+        near, far, pushed = (
+            {"variant": name, "goal_std_m": std, "push": push}
+            for std, push in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.4))
+        )
+        falls = [mean(choices, "fall", **wanted) for wanted in (near, far)]
+        times, stays = (
+            " and ".join(f"{mean(choices, key, **wanted):.2f}" for wanted in (near, far))
+            for key in ("time_mean", "still_there")
+        )
+        chosen.append(
+            f"{name} | {times} | {stays} | {share(falls, 2)} "
+            f"| {share(mean(choices, 'fall', **pushed), 1)}"
+        )
+    usual, blind, _ = common.values(long, "time_mean", goal_std_m=1.0, push=0.0)
+    return {
+        "rewards": f"On the plane the mean success is {share(distance)} without the reward for "
+        f"distance and {share(angle)} without the one for the angle. All other variants arrive.",
+        "sharpening": "So short a training is sharpened too soon: without sharpening the walks "
+        f"take {plain:.1f} s, with it {sharp:.1f} s.",
+        "blind": f"Trained without the reflex, a policy needs {blind:.1f} s to far goals instead of "
+        f"{usual:.1f} s.",
+        "long": "Long trainings in 3-D, on the way to far goals; the IMU wins nothing here:\n\n"
+        + evaluate.markdown(
+            "training | time [s] | falls | falls, pushed | variance explained by the critic",
+            trained,
+        ),
+        "choices": "\n\nOther choices, to near and to far goals; pushed on the way to far ones:\n\n"
+        + evaluate.markdown("choice | time [s] | still there | falls | falls, pushed", chosen),
+    }
 
 
 if __name__ == "__main__":

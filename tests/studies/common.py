@@ -1,16 +1,19 @@
 """What the studies share: the command line, files, tables, and walks to many goals.
 
-    python tests/studies/common.py     puts the tables of results/ into the pages that show them
+    python tests/studies/common.py     puts the numbers of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return plain numbers)
-`table` (Markdown of all numbers) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
+`table` (Markdown of all numbers), `found` (what they say, in words) and mostly `plot`. It writes
+NAME.json, NAME.md and NAME.png.
 A finished part is written before the next one begins; --only measures one part anew.
 """
 
+import argparse
 import contextlib
 import csv
 import json
 import sys
+import textwrap
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -77,7 +80,10 @@ def publish(study, part, args):
 
 def read_json(path):
     """The content of a file that a study, or stage 5, has written."""
-    return json.loads(path.read_text(encoding="utf-8"))
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise robot_model.InputError(f"{path}: damaged ({error}); delete it") from error
 
 
 def work(sim, study, training):
@@ -147,6 +153,16 @@ def pick(rows, **wanted):
     return [row for row in rows if wanted.items() <= row.items()]
 
 
+def values(rows, key, **wanted):
+    """What the rows with these values have under a key."""
+    return [row[key] for row in pick(rows, **wanted)]
+
+
+def share(part, digits=0):
+    """0.031, or the mean of several, as 3 %."""
+    return f"{100 * np.mean(part):.{digits}f} %"
+
+
 def opponents(sim):
     """The planners of README's table that do not learn, by name."""
     return {
@@ -203,6 +219,23 @@ def time_ratio(ended, reference, name):
     }
 
 
+def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
+    """Cross-entropy method: draw candidates, keep the best ones, draw nearer to them.
+
+    costs(iteration, drawn [population, n]) -> [population], to be made small; the first candidate
+    is the mean. sizes: iterations, population, how many are kept. Returns the last mean [n].
+    """
+    iterations, population, elite = sizes
+    for iteration in range(iterations):
+        drawn = np.clip(mean + spread * rng.normal(size=(population, len(mean))), low, high)
+        drawn[0] = mean
+        best = drawn[np.argsort(costs(iteration, drawn))[:elite]]
+        # Few samples are noisy: a part of the old distribution stays.
+        mean = 0.3 * mean + 0.7 * best.mean(0)
+        spread = stays * spread + (1 - stays) * best.std(0)
+    return mean
+
+
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
     order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []
@@ -216,11 +249,70 @@ def readme_table(rows):
     return evaluate.markdown(head, lines)
 
 
-def pasted(page, mark, table):
-    """The text of a page with this table behind its mark."""
+def said(name):
+    """What a study has found, in words: {name: sentence or table}."""
+    paths = RESULTS.glob(f"*/studies/{name}.json")
+    return import_module(name).found({path.parts[-3]: read_json(path) for path in paths})
+
+
+def paragraphs(*sentences):
+    """Markdown of sentences; a table has an empty line before it and behind it."""
+    blocks = [block.strip() for block in " ".join(sentences).split("\n\n")]
+    return "\n\n".join(b if b[0] == "|" else textwrap.fill(b, 100) for b in blocks) + "\n"
+
+
+def readme_result(rows):
+    """README's second paragraph; rows of evaluation.json."""
+    policy, paper, tuned = (
+        values(rows, "time_mean", planner=name, noise=True, goal_std_m=STD[False])[0]
+        for name in ("policy", "baseline", "baseline_tuned")
+    )
+    return paragraphs(
+        f"**Result.** In 3-D, with noise, the policy reaches near goals in {policy:.1f} s on "
+        f"average. The paper's controller takes {paper:.1f} s in the same world, and "
+        f"{tuned:.1f} s after tuning.",
+        said("seeds")["pooled"],
+    )
+
+
+def readme_findings():
+    """README's list of what we found."""
+    shipped = read_trials(RESULTS / "mujoco" / "trials.csv")
+    policy, tuned, expert = (
+        together([shipped[name, True, std] for std in STD.values()])
+        for name in ("policy", "baseline_tuned", "expert")
+    )
+
+    def against(other, name):
+        ratio = evaluate.time_ratio(policy, other)
+        return (
+            f"it needs {ratio['time_ratio']:.2f} of the time of `{name}` on average, and "
+            f"{ratio['median']:.2f} in the median; it is slower in {share(ratio['slower'])} of "
+            "the walks."
+        )
+
+    seeds, kicks, walk = said("seeds"), said("kicks"), said("walk")
+    lines = [
+        f"*The reflex keeps the robot up.* {kicks['pushed']} {said('ablations')['blind']}",
+        f"*Against the tuned controller* {against(tuned, 'baseline_tuned')}",
+        f"*Against the best planner that we could write by hand* {against(expert, 'expert')} "
+        "Learning buys little speed here, and none on the plane. It buys safety, and saves the "
+        "tuning.",
+        f"*Five trainings agree.* {seeds['trainings']}",
+        f"*Far away it is not faster.* {seeds['distances']}",
+        f"*Random steps rarely fall.* {walk['random']} There is no rule about combined steps: the "
+        "planner has to learn which ones to avoid.",
+        f"*The feet drag.* {walk['clearance']}",
+        f"*Tuning saves more than learning.* {said('baseline')['tuned']}",
+    ]
+    return "".join(f"- {line}\n" for line in lines)
+
+
+def pasted(text, mark, part):
+    """The text of a page with this part behind its mark."""
     begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
-    head, rest = page.read_text(encoding="utf-8").split(begin)
-    return head + begin + table + end + rest.split(end, 1)[1]
+    head, rest = text.split(begin)
+    return head + begin + part + end + rest.split(end, 1)[1]
 
 
 def read_trials(path):
@@ -244,17 +336,38 @@ def read_trials(path):
     }
 
 
+STUDIES = "walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark"
+
+
 def pages():
-    """{path: text as it should be} of the pages that show a table of results/."""
+    """{path: text as it should be} of the pages that show numbers of results/."""
     rows = read_json(RESULTS / "mujoco" / "evaluation.json")["rows"]
-    found = {ROOT / "README.md": pasted(ROOT / "README.md", "table", readme_table(rows))}
+    readme = readme_result(rows), readme_table(rows), readme_findings()
+    parts = {
+        ROOT / "README.md": dict(zip(("result", "table", "found"), readme)),
+        RESULTS / "STUDIES.md": {
+            name: paragraphs("*Found.*", *said(name).values()) for name in STUDIES
+        },
+    }
     for sim in env.LIMITS:
-        page, table = RESULTS / sim / "README.md", RESULTS / sim / "table.md"
-        found[page] = pasted(page, "evaluation", table.read_text(encoding="utf-8"))
+        table = (RESULTS / sim / "table.md").read_text(encoding="utf-8")
+        parts[RESULTS / sim / "README.md"] = {"evaluation": table}
+    found = {}
+    for page, marked in parts.items():
+        found[page] = page.read_text(encoding="utf-8")
+        for mark, part in marked.items():
+            found[page] = pasted(found[page], mark, part)
     return found
 
 
-if __name__ == "__main__":
+def write_pages():
+    """Pastes them, and says which have changed."""
     for path, text in pages().items():
-        evaluate.write_text(path, text)
-        print("written:", path)
+        if text != path.read_text(encoding="utf-8"):
+            evaluate.write_text(path, text)
+            print("written:", path)
+
+
+if __name__ == "__main__":
+    argparse.ArgumentParser(description="Puts the numbers of results/ into the pages.").parse_args()
+    robot_model.start(write_pages)

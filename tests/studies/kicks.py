@@ -13,7 +13,7 @@ from itertools import product
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import RESULTS, env, robot_model
+from common import RESULTS, env, robot_model, share
 
 DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 and 20"
 SETS = 2  # of 500 goals
@@ -130,6 +130,37 @@ def plot(found, sim):
     )
     axis.legend()
     return figure
+
+
+def found(data):
+    """Sentences by name, from the numbers of both simulators."""
+    pushes, worlds = (data["mujoco"][part]["rows"] for part in ("pushes", "worlds"))
+
+    def falls(speed, reflex):
+        wanted = {"planner": "policy", "speed": speed, "reflex": reflex}
+        return share(common.values(pushes, "fall", **wanted), 1)
+
+    def counted(*names):
+        rows = [row for row in worlds if row["world"] in names]
+        walks = sum(row["episodes"] for row in rows)
+        return f"{sum(row['falls'] for row in rows)} of {walks:,} walks"
+
+    near, far = common.values(worlds, "fall", world="pushed by 0.4 m/s every 3 s")
+    slow_near, slow_far = common.values(
+        worlds, "time_mean", world="noise of the goal lasts for seconds"
+    )
+    outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
+    return {
+        "pushed": "In 3-D, pushed by 0.4 m/s every 3 s, the policy falls in "
+        f"{falls(0.4, True)} of the far walks with the reflex and in {falls(0.4, False)} without.",
+        "fresh": f"On fresh goals it falls in {share(near, 1)} of the near and {share(far, 1)} of "
+        "the far walks with such pushes.",
+        "grounds": "On the three grounds of the range that was trained it falls in "
+        f"{counted('μ = 0.4', 'μ = 0.7', 'μ = 1.0')}; outside of it (two more grounds, and twice "
+        f"the spread of masses) in {counted(*outside)}.",
+        "slow": f"If the noise of the goal lasts for seconds, it arrives, but takes "
+        f"{slow_near:.1f} s to near and {slow_far:.1f} s to far goals.",
+    }
 
 
 if __name__ == "__main__":

@@ -203,5 +203,33 @@ def plot(found, sim):
     return figure
 
 
+def found(data):
+    """Sentences by name, from the numbers of both simulators."""
+    distances, pooled, trained = (data["mujoco"][part] for part in ("distances", "pooled", "seeds"))
+    names = "policy", "expert", "baseline_tuned"
+    times, falls = (
+        [common.values(distances["rows"], key, planner=name) for name in names]
+        for key in ("time_mean", "fall")
+    )
+    first = np.sum(np.argmin(times, 0) == 0)
+    policy, by_hand, tuned = (own[-1] for own in times)
+    near, far = (
+        common.values(pooled["rows"], "falls", goal_std_m=std)[0] for std in common.STD.values()
+    )
+    trainings = pick(trained["rows"], planner="policy")
+    ratios = [row["over_expert"] for row in trainings]
+    walks, fell = (sum(row[key] for row in trainings) for key in ("episodes", "falls"))
+    return {
+        "distances": f"The policy is the fastest of the three at {first} of {len(times[0])} "
+        f"distances. At 6 m it needs {policy:.1f} s, `expert` {by_hand:.1f} s and "
+        f"`baseline_tuned` {tuned:.1f} s; there they fall in "
+        "{}, {} and {} of the walks.".format(*(common.share(own[-1], 1) for own in falls)),
+        "pooled": f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones "
+        f"the policy fell {near} and {far} times.",
+        "trainings": f"Five trainings need {min(ratios):.2f} to {max(ratios):.2f} of the time of "
+        f"`expert`. All five together fell {fell} times in {walks:,} walks.",
+    }
+
+
 if __name__ == "__main__":
     common.start("seeds")

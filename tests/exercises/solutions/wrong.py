@@ -7,7 +7,7 @@ has an argument `mistake`, it makes one of several: that which the line above it
 
 
 def wrong(mistake, words):
-    """A mark for the reader of this file, `../repository/test_workbook.py`."""
+    """A mark for the reader of this file, `tests/repository/test_workbook.py`."""
     return lambda function: function
 
 
