@@ -264,7 +264,7 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
         left[: waiting + 1],
         left[:1].repeat(waiting + 1, 0),
         atol=1e-9,
-        err_msg=("it waits during the double support, on the ground"),
+        err_msg=("it waits during the double support, on the ground: not even a small way is made"),
     )
     close(
         left[-2, [0, 1, 3]],

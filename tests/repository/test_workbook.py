@@ -186,6 +186,18 @@ def test_who_skips_or_exits_gets_no_stars_and_the_others_keep_theirs(tmp_path):
     assert "bob: 1 of 3 exercises solved, 1 of 3 stars" in words
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="README has another line for PowerShell")
+def test_marks_of_a_submission_that_ended_python_are_no_result(tmp_path):
+    (tmp_path / "marks_ada.txt").write_text("ada: 1 of 1 exercises solved, 2 of 2 stars\n")
+    (tmp_path / "marks_bob.txt").touch()
+    (line,) = re.findall(r"^for marks in .*$", README, re.MULTILINE)
+    done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.splitlines() == [
+        "ada: 1 of 1 exercises solved, 2 of 2 stars",
+        "marks_bob.txt: no result",
+    ]
+
+
 def test_the_command_of_the_sheets_works_word_for_word_from_the_root():
     done = run(*shlex.split(workbook.command("wrap", ROOT / "tests" / "exercises"))[1:])
     assert "wrap ★: not handed in, there is no 01_robot_model.py" in last_words(done)
