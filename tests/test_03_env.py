@@ -119,7 +119,7 @@ def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
     envs.reset(seed=3, options={"goals": goals})
     poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
     for fell in ([False] * 3, [False, False, True]):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, f=fell: motion(poses, f))
+        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, f=fell, **__: motion(poses, f))
         obs, _, terminated, _, infos = envs.step(np.full((3, 6), 0.3))
     for found in (terminated, infos["_final_obs"], infos["_final_info"]):
         equal(found, [True, False, True], err_msg="one arrives, one walks on, one falls")
@@ -607,8 +607,8 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
     envs, falls = make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1), np.zeros(3, bool)
     world, rng = envs.world, np.random.default_rng(0)
 
-    def follows(robots, plan):  # exactly the plan
-        trunk = plan.trunk[:, :, [0, 1, 5]]
+    def follows(robots, trajectory):  # exactly the plan
+        trunk = trajectory.trunk[:, :, [0, 1, 5]]
         way = robot_model.relative(trunk[:, 0], trunk[:, -1])
         return motion(robot_model.compose(world.pose[robots], way), falls[robots])
 
@@ -637,8 +637,8 @@ def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1)
     """Pushes [N] and errors of the gyro [rad/s] of n robots, [steps, n, T, 2] each; the world."""
     world, told, robots = make(env.FootstepWorld, n, sim, True, push, cores=1), [], np.arange(n)
 
-    def run(robots, plan):
-        told.append(plan)
+    def run(robots, trajectory):
+        told.append(trajectory)
         return motion(np.zeros((len(robots), 3)), [False] * len(robots))
 
     monkeypatch.setattr(world.simulator, "run", run)
@@ -940,7 +940,7 @@ def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
         world.reset(np.arange(3), goals=[poses[IN]] * 3)
         for step, end in enumerate(ends, 1):
             both = motion(np.array([poses[end], poses[OUT]]), [end is FALL, False])
-            monkeypatch.setattr(world.simulator, "run", lambda *_, both=both: both)
+            monkeypatch.setattr(world.simulator, "run", lambda *_, both=both, **__: both)
             result = world.step(np.full((2, 6), 0.4), robots)
             got = [name for name in ("success", "fall", "timeout") if result[name][0]]
             assert got == ([want] if want and step == len(ends) else []), (
@@ -977,7 +977,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
     for seed in range(3):
         one.reset(seed=seed, options={"goals": [goal]})
         for falls in (False, fell):  # two double steps that end there
-            monkeypatch.setattr(one.world.simulator, "run", lambda *_, f=falls: motion(end, [f]))
+            monkeypatch.setattr(one.world.simulator, "run", lambda *_, f=falls, **__: motion(end, [f]))
             _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), "5 cm AND 10° of the true pose, wrapped; falls win"
@@ -1005,7 +1005,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     envs.reset(seed=0, options={"goals": [goal] * 6})
     envs.world.steps[:] = whole - np.array(left)
     for poses, falls in ((first, [False] * 6), (second, fell)):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, p=poses, f=falls: motion(p, f))
+        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, p=poses, f=falls, **__: motion(p, f))
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (6, 1)))
         if poses is first:
             assert not (terminated | truncated).any(), "there is room for one more double step"
@@ -1031,7 +1031,7 @@ def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(mak
     envs = make(env.FootstepVectorEnv, 8, cores=1, task=task, staggered=True)
     where = np.tile([3.0, 0, 0], (8, 1))
     monkeypatch.setattr(
-        envs.world.simulator, "run", lambda robots, _: motion(where[robots], [False] * 8)
+        envs.world.simulator, "run", lambda robots, trajectory: motion(where[robots], [False] * 8)
     )
     envs.reset(seed=1, options={"goals": [[9.0, 0, 0]] * 8})
     monkeypatch.setattr(env, "draw_goals", lambda *_, far: np.array([[9.0, 0, 0]]))

@@ -910,9 +910,9 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, window, monkeypatc
         worlds.append(env.FootstepWorld(*given, **settings))
         run = worlds[0].simulator.run
 
-        def watched(robots, plan):
-            plans.append(plan)
-            motion = run(robots, plan)
+        def watched(robots, trajectory):
+            plans.append(trajectory)
+            motion = run(robots, trajectory)
             return replace(motion, fell=motion.fell | bool(falls and falls.pop()))
 
         monkeypatch.setattr(worlds[0].simulator, "run", watched)
