@@ -444,8 +444,8 @@ def mujoco_model(robot):
     (<position> makes the first term, the joint's damping is the second one.) A joint that the
     ground drives backward is braked harder than the limit, as by a real motor.
 
-    implicitfast: the damping is computed from the velocity at the END of a step. Otherwise it would
-        make the joints oscillate.
+    implicitfast: the damping is computed from the velocity at the END of a step, so it cannot push
+        a joint back and forth. (MuJoCo's own choice, Euler, does so for joints, too.)
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: aids of the solver. It is faster here without them.

@@ -977,7 +977,9 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
     for seed in range(3):
         one.reset(seed=seed, options={"goals": [goal]})
         for falls in (False, fell):  # two double steps that end there
-            monkeypatch.setattr(one.world.simulator, "run", lambda *_, f=falls, **__: motion(end, [f]))
+            monkeypatch.setattr(
+                one.world.simulator, "run", lambda *_, f=falls, **__: motion(end, [f])
+            )
             _, _, terminated, truncated, info = one.step(one.world.neutral_action)
         got = [name for name in ("success", "fall", "timeout") if info[name]]
         assert got == ([want] if want else []), "5 cm AND 10° of the true pose, wrapped; falls win"
@@ -1005,7 +1007,9 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     envs.reset(seed=0, options={"goals": [goal] * 6})
     envs.world.steps[:] = whole - np.array(left)
     for poses, falls in ((first, [False] * 6), (second, fell)):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, p=poses, f=falls, **__: motion(p, f))
+        monkeypatch.setattr(
+            envs.world.simulator, "run", lambda *_, p=poses, f=falls, **__: motion(p, f)
+        )
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (6, 1)))
         if poses is first:
             assert not (terminated | truncated).any(), "there is room for one more double step"
