@@ -106,6 +106,7 @@ def test_help_of_common_writes_no_page(monkeypatch, capsys):
 def test_ctrl_c_stops_the_ablations_with_their_workers(tmp_path):
     script = Path(ablations.__file__)
     command = [sys.executable, script, "--only", "ablations", "--out", tmp_path]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background, too
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
         begun = tmp_path / "runs" / "pymunk" / "studies" / "ablations"
         end = time.monotonic() + 60
