@@ -5,7 +5,7 @@ swing foot and the trunk, analytic inverse kinematics; parameters found by optim
 reflex, which the paper names as future work: within a double step the ankle of the support foot
 answers the gyro (`WalkPlan.feedback`).
 
-    python 02_walk_engine.py      a plan, four walks, a push; 4 seconds (`--mujoco` in 3-D)
+    python 02_walk_engine.py      a plan, four walks, a push; 3 seconds (`--mujoco` in 3-D)
 
 Prints how far four walks of eight double steps were commanded and how far the robot walked; draws
 `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot walks within 1.2 cm of

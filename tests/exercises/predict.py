@@ -1,10 +1,12 @@
 """The small experiments of predict.md; each prints a few numbers. Write down your guess first.
 
-python tests/exercises/predict.py circle               the return of walking in a circle
-python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
-python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
-python tests/exercises/predict.py joints --mujoco      joints without friction
-python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
+Run from the root of the repository:
+
+    python tests/exercises/predict.py circle               the return of walking in a circle
+    python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
+    python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
+    python tests/exercises/predict.py joints --mujoco      joints without friction
+    python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
 import sys
@@ -63,10 +65,11 @@ def reflex(sim):
             _, ticks, _ = plan.gyro_error.shape
             noise = rng.normal(size=(96, ticks, 2))
             plan.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
-            first, way = rng.integers(ticks - 4, size=96), rng.uniform(0, 2 * np.pi, 96)
+            last = ticks - walk_engine.PUSH_TICKS  # tick at which a push can begin
+            first, way = rng.integers(last + 1, size=96), rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
                 push = force * np.cos(way[i]), force * np.sin(way[i])
-                plan.push[row, first[i] : first[i] + 5] = push
+                plan.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push
 
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
         _, _, fall = walk_engine.walk_plans(sim, parameters, steps, bodies, disturb)

@@ -20,7 +20,7 @@ sys.path.append(str(ROOT / "tests" / "exercises"))
 import expert
 
 DURATION = "12 minutes on two cores; 3-D: 25 minutes"
-ITERATIONS, POPULATION, ELITE, FINALISTS = 8, 16, 4, 5
+SIZES, FINALISTS = (8, 16, 4), 5
 WALKS = 64  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICE = 200.0  # [s] of one fall per walk; of a time-out a quarter: our choice
@@ -93,9 +93,8 @@ def optimise(world, planner_of, start, paper):
         print(f"{iteration}: mean {found[0]:.2f} s, best {min(found):.2f} s", flush=True)
         return found
 
-    tried, sizes = [], (ITERATIONS, POPULATION, ELITE)
-    rng = np.random.default_rng(0)
-    return tried, plain(common.cross_entropy(costs, np.log(start), 0.3, sizes, rng))
+    tried, rng = [], np.random.default_rng(0)
+    return tried, plain(common.cross_entropy(costs, np.log(start), 0.3, SIZES, rng))
 
 
 def choose(rows, paper):

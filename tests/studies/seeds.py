@@ -93,17 +93,10 @@ def study_distances(args, count=200):
             ended = {"least": least} | evaluate.evaluate(planner, world, trials)
             for distance in DISTANCES:
                 own = {key: value[far == distance] for key, value in ended.items()}
-                reached = own["outcome"] == "success"
-                rows.append(
-                    {
-                        "planner": name,
-                        "distance": distance,
-                        "success": float(reached.mean()),
-                        "fall": float((own["outcome"] == "fall").mean()),
-                        "time_mean": float(own["time"][reached].mean()),
-                        "least": float(own["least"][reached].mean()),
-                    }
-                )
+                row = common.row_of(own, name)
+                kept = {key: row[key] for key in ("planner", "success", "fall", "time_mean")}
+                shortest = own["least"][own["outcome"] == "success"].mean()
+                rows.append({"distance": distance, **kept, "least": float(shortest)})
     return {"goals": count, "rows": rows}
 
 

@@ -217,9 +217,9 @@ def changed(start, names, x):
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
 
 
-def tune(sim, seed, iterations=10, population=28, elite=7):
-    """Cross-entropy method, from TUNED on: draw candidates, keep the best quarter, draw nearer to
-    them. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
+def tune(sim, seed, sizes=(10, 28, 7)):
+    """A search from TUNED on, see `common.cross_entropy`: 10 times 28 candidates, the best quarter
+    is kept. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
     """
     start = walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
@@ -238,7 +238,6 @@ def tune(sim, seed, iterations=10, population=28, elite=7):
         return -scores
 
     mean = np.array([getattr(start, name) for name in names])
-    sizes = iterations, population, elite
     rng = np.random.default_rng(seed)
     return changed(
         start,
