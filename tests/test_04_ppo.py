@@ -3,8 +3,8 @@
 import copy
 import inspect
 import math
-import pickle
 import random
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -15,10 +15,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from checks import close, equal
 
 ppo = import_module("04_ppo")
 env, robot_model = ppo.env, ppo.robot_model
-equal, close = np.testing.assert_array_equal, np.testing.assert_allclose
 
 SMALL = ppo.PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
 EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
@@ -81,10 +81,10 @@ def test_gae_equals_the_double_sum(lam):
         given = [*map(torch.tensor, told)]
         got = ppo.gae(*given, gamma, lam)
         for tensor, array in zip(given, told):
-            equal(tensor, array, err_msg="what is given must not be written to")
+            equal(tensor, array, "what is given must not be written to")
         for i in range(robots):
             want = brute_force_advantages(*(x[:, i] for x in told), gamma, lam)
-            close(got[:, i], want, rtol=1e-5, atol=1e-5, err_msg=hint)
+            close(got[:, i], want, hint, atol=1e-5, rtol=1e-5)
 
 
 def test_gae_never_looks_at_the_value_behind_a_fall():
@@ -113,18 +113,16 @@ def test_clipped_objective_truth_table():
     close(
         got.detach(),
         want,
+        "take the minimum of both products; clipping the ratio alone forgives bad moves "
+        f"(for {table})",
         rtol=1e-5,
-        err_msg=(
-            "take the minimum of both products; clipping the ratio alone forgives bad moves "
-            f"(for {table})"
-        ),
     )
     assert got.requires_grad, "no gradient comes through: neither detach nor NumPy"
     got.sum().backward()
     close(
         ratio.grad,
         [2, 0, 2, -2, -2, 0],
-        err_msg=("the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε"),
+        "the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε",
     )
     assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
         "ε is the argument `clip`, not always 0.2"
@@ -167,8 +165,8 @@ def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
         close(
             density(model, x[:, None]),
             np.exp(log_p),
+            "of p^k: 1 + k·(α − 1) and 1 + k·(β − 1), not k·α and k·β",
             rtol=1e-9,
-            err_msg=("of p^k: 1 + k·(α − 1) and 1 + k·(β − 1), not k·α and k·β"),
         )
 
 
@@ -179,9 +177,7 @@ def test_joint_log_prob_is_that_of_independent_numbers():
     close(
         density(model_with([2.0, 3.0], [4.0, 1.5]), x),
         first * second,
-        err_msg=(
-            "the SUM of log-probabilities (not the mean); the first number has the first α and β"
-        ),
+        "the SUM of log-probabilities (not the mean); the first number has the first α and β",
     )
 
 
@@ -191,40 +187,28 @@ def test_the_decision_is_the_mean(alpha, beta):
     for model.sharpness in (1.0, 3.0):
         mean = np.mean(GRID * density(model, GRID[:, None]))
         decided = model.float().decide(np.zeros((3, 1)))
-        close(decided, mean, atol=2e-3, err_msg="∫ x·p(x) = α/(α+β), not (α−1)/(α+β−2), the mode")
+        close(decided, mean, "∫ x·p(x) = α/(α+β), not (α−1)/(α+β−2), the mode", atol=2e-3)
         model.double()
 
 
 def test_first_policy_is_around_first_action():
-    obs = np.random.default_rng(0).normal(size=(100, 4))
-    torch.manual_seed(0)
+    obs = torch.tensor(np.random.default_rng(0).normal(size=(100, 4)), dtype=torch.float32)
     for first in 0.3, [0.2, 0.5, 0.8]:  # one number for all of an action, or a number each
-        model = ppo.ActorCritic(4, 3, first_action=first)
-        decided = model.decide(obs)
-        assert decided.shape == (100, 3) and decided.dtype == np.float32
-        with torch.no_grad():
-            mode = model.policy(torch.tensor(obs, dtype=torch.float32)).mode
-        close(
-            mode,
-            np.broadcast_to(first, (100, 3)),
-            atol=0.02,
-            err_msg=(
+        for concentration in (3.0, 10.0, 50.0):
+            model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
+            with torch.no_grad():
+                pi = model.policy(obs)
+            hint = (
                 "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights "
                 f"small (for first_action = {first})"
-            ),
-        )
-    for concentration in (3.0, 10.0, 50.0):
-        model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
-        with torch.no_grad():
-            pi = model.policy(torch.tensor(obs, dtype=torch.float32))
-        # Var = m·(1 − m) / (α + β + 1) at the mean m
-        total = pi.mean * (1 - pi.mean) / pi.variance - 1
-        close(
-            total,
-            concentration,
-            rtol=0.05,
-            err_msg=("α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"),
-        )
+            )
+            close(
+                pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02 + 0.2 / concentration**2
+            )
+            # Var = m·(1 − m) / (α + β + 1) at the mean m
+            total = pi.mean * (1 - pi.mean) / pi.variance - 1
+            hint = "α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"
+            close(total, concentration, hint, rtol=0.05)
     corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
     assert torch.isfinite(corner.actor[-1].bias).all(), (
         "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
@@ -245,23 +229,22 @@ def test_layers_begin_with_orthogonal_rows_or_columns():
     for shape in ((30, 7), (7, 30)):
         hidden, last = (layer for layer in ppo.mlp((*shape, 5), 0.1) if hasattr(layer, "weight"))
         rows = hidden.weight if shape[0] > shape[1] else hidden.weight.T
-        close((rows @ rows.T).detach(), 2 * np.eye(7), atol=1e-5, err_msg="of length √2")
+        close((rows @ rows.T).detach(), 2 * np.eye(7), "of length √2", atol=1e-5)
         short = min(last.weight, last.weight.T, key=len)
-        close((short @ short.T).detach(), 0.01 * np.eye(5), atol=1e-5, err_msg="of length 0.1")
+        close((short @ short.T).detach(), 0.01 * np.eye(5), "of length 0.1", atol=1e-5)
 
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
-    torch.manual_seed(0)
     model, obs = ppo.ActorCritic(2, 1), torch.zeros(1000, 2)
     model.sharpness = 4.0
     for raw in ([-1e4, -1e4], [1e6, -1e4], [-1e4, 1e6], [1e6, 1e6], [3e38, -1e4], [3e38, 3e38]):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
         pi, x = model.policy(obs), model.sample(obs)
         assert ((x > 9e-7) & (x < 1 - 9e-7)).all(), "keep samples off 0 and 1"
-        for got in (pi.log_prob(x), pi.entropy(), pi.mean):
+        log_prob = pi.log_prob(x)
+        log_prob.sum().backward()
+        for got in (log_prob, pi.entropy(), pi.mean, *(p.grad for p in model.actor.parameters())):
             assert torch.isfinite(got).all(), f"for {raw}: keep α and β within bounds"
-        pi.log_prob(x).sum().backward()
-        assert all(torch.isfinite(p.grad).all() for p in model.actor.parameters()), "gradient"
 
 
 class Probe(gym.vector.VectorEnv):
@@ -355,11 +338,9 @@ def test_action_goes_to_the_target_of_its_observation(tmp_path):
     close(
         best,
         [0.25, 0.75],
+        "do observation, action and advantage still belong together after shuffling? Near 1 and "
+        "0: the sign of the objective is wrong",
         atol=0.08,
-        err_msg=(
-            "do observation, action and advantage still belong together after shuffling? Near 1 and "
-            "0: the sign of the objective is wrong"
-        ),
     )
 
 
@@ -380,60 +361,40 @@ def test_collected_observations_are_followed_by_what_really_followed():
         return after, after[:, 0], end & falls, end & ~falls
 
     torch.manual_seed(0)
-    envs, steps = Probe(3, first, play), 10
+    envs = Probe(3, first, play)
     begin = envs.reset(seed=0)[0].copy()
-    data, last, infos = ppo.collect(ppo.ActorCritic(1, 1), envs, envs.obs, steps)
-    assert len(infos) == steps
+    data, last, infos = ppo.collect(ppo.ActorCritic(1, 1), envs, envs.obs, 10)
+    assert len(infos) == 10
     assert data["terminated"].sum(0).tolist() == [3, 0, 0], "a fall each three steps"
     assert data["truncated"].sum(0).tolist() == [0, 3, 3], "a cut-off each three steps"
-    equal(data["obs"][0], begin, err_msg="copy what you want to keep")
-    equal(data["next_obs"][-1], last, err_msg="obs to go on from")
-    close(
-        data["next_obs"] - data["obs"],
-        1,
-        atol=1e-5,
-        err_msg=(
-            "behind an end next_obs is the last observation of the OLD episode (final_obs), a copy"
-        ),
-    )
+    equal(data["obs"][0], begin, "copy what you want to keep")
+    equal(data["next_obs"][-1], last, "obs to go on from")
+    hint = "behind an end next_obs is the last observation of the OLD episode (final_obs), a copy"
+    close(data["next_obs"] - data["obs"], 1, hint, atol=1e-5)
     goes_on = ~(data["terminated"] | data["truncated"])[:-1]
     equal(data["next_obs"][:-1][goes_on], data["obs"][1:][goes_on])
     equal(data["reward"], data["next_obs"][..., 0])
 
 
 def test_episode_means_count_ended_episodes_only():
+    def step(ends, returns, lengths, times):
+        """infos of a step of two episodes, which end so; "": it goes on."""
+        shares = {name: np.array([end == name for end in ends]) for name in EPISODES[2:5]}
+        return {
+            "_episode": np.array([bool(end) for end in ends]),
+            "episode": {"r": np.array(returns), "l": np.array(lengths)},
+            "final_info": {**shares, "time": np.array(times)},
+        }
+
     nothing = ppo.episode_means([{}, {}])
     assert set(nothing) == set(EPISODES) and all(math.isnan(mean) for mean in nothing.values())
-    yes_no = np.array([True, False])
-    infos = [
-        {},
-        {
-            "_episode": np.array([True, True]),
-            "episode": {"r": np.array([3.0, -1.0]), "l": np.array([10, 20])},
-            "final_info": {
-                "success": yes_no,
-                "fall": ~yes_no,
-                "timeout": yes_no & ~yes_no,
-                "time": np.array([6.0, 99.0]),
-            },
-        },
-        {
-            "_episode": yes_no,
-            "episode": {"r": np.array([1.0, 0.0]), "l": np.array([30, 0])},
-            "final_info": {
-                "success": ~yes_no,
-                "fall": ~yes_no,
-                "timeout": yes_no,
-                "time": np.array([100.0, 0.0]),
-            },
-        },
-    ]
-    got = ppo.episode_means(infos)
-    assert got["return"] == pytest.approx(1.0), "mean of 3, −1 and 1: the fourth has not ended"
-    assert got["length"] == pytest.approx(20.0)
-    assert [got[name] for name in ("success", "fall", "timeout")] == pytest.approx([1 / 3] * 3)
-    assert got["time"] == pytest.approx(6.0), "the time counts only where the goal was reached"
-    assert math.isnan(ppo.episode_means(infos[2:])["time"]), "no success: nan, not 0"
+    late = step(["timeout", ""], [1.0, 0.0], [30, 0], [100.0, 0.0])
+    got = ppo.episode_means(
+        [{}, step(["success", "fall"], [3.0, -1.0], [10, 20], [6.0, 99.0]), late]
+    )
+    want = {"return": 1.0, "length": 20.0, "time": 6.0} | dict.fromkeys(EPISODES[2:5], 1 / 3)
+    assert got == pytest.approx(want), "of 3, −1 and 1; the time counts where the goal was reached"
+    assert math.isnan(ppo.episode_means([late])["time"]), "no success: nan, not 0"
 
 
 def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
@@ -508,10 +469,8 @@ def test_gradients_are_limited_to_the_maximal_length():
     close(
         lengths,
         0.01,
+        "a step is as long as the gradient: scale that of actor and critic together, every time",
         rtol=1e-3,
-        err_msg=(
-            "a step is as long as the gradient: scale that of actor and critic together, every time"
-        ),
     )
     cfg = replace(cfg, max_grad_norm=1e9)
     ppo.improve(model, Spy(model.parameters(), lr=0.0), rollout(model, scale=1000), cfg)
@@ -552,7 +511,7 @@ def test_the_critic_s_weight_is_value_coef():
             torch.testing.assert_close(
                 now,
                 was - 1e-2 * was.grad,
-                msg=("loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half"),
+                msg="loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half",
             )
 
 
@@ -581,9 +540,7 @@ def test_advantages_are_normalised():
 
 
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
-    cfg = replace(SMALL, epochs=1, sharpest=6.0)
-    samples = cfg.num_envs * cfg.rollout
-    cfg = replace(cfg, minibatch=samples)  # a gradient step in an update
+    cfg = replace(SMALL, epochs=1, minibatch=128, sharpest=6.0)  # a gradient step in an update
     rates, collecting, learning = [], [], []
 
     class Mine(ppo.ActorCritic):
@@ -597,41 +554,19 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
 
     class Spy(torch.optim.Adam):
         def step(self):
-            rates.append([group["lr"] for group in self.param_groups])
+            rates.append(self.param_groups[0]["lr"])
             super().step()
 
     monkeypatch.setattr(torch.optim, "Adam", Spy)
     envs = partial(Probe, first=zero, play=constant)
-    _, rows = ppo.train(cfg, envs, tmp_path, 4 * samples + 1, make_model=Mine)
-    assert [row["steps"] for row in rows] == [samples * u for u in (1, 2, 3, 4, 5)], (
-        "what does not fill an update is rounded up to a whole one"
-    )
-    want = [[cfg.learning_rate * share] for share in (1.0, 0.8, 0.6, 0.4, 0.2)]
-    close(rates, want, err_msg="linearly to 0 after the last update, and Adam has to be told")
-    close([[row["learning_rate"]] for row in rows], want)
-    close(collecting, np.repeat([1, 2, 3, 4, 5], cfg.rollout), err_msg="linearly up to `sharpest`")
+    _, rows = ppo.train(cfg, envs, tmp_path, 4 * 128 + 1, make_model=Mine)
+    steps = [row["steps"] for row in rows]
+    assert steps == [128, 256, 384, 512, 640], "rounded up to a whole update"
+    want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
+    close(rates, want, "linearly to 0 after the last update, and Adam has to be told")
+    close([row["learning_rate"] for row in rows], want)
+    close(collecting, np.repeat([1, 2, 3, 4, 5], cfg.rollout), "linearly up to `sharpest`")
     assert (np.diff(learning) >= 0).all() and set(learning) == {1, 2, 3, 4, 5}, "learning alike"
-
-
-def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
-    made = []
-
-    class Mine(ppo.ActorCritic):
-        def __init__(self, *shape, **more):
-            made.append((*inspect.signature(super().__init__).bind(*shape, **more).args,))
-            super().__init__(*shape, **more)
-
-    class Neutral(Probe):
-        neutral_action = np.array([0.3])
-
-    cfg = replace(SMALL, hidden=(8,), first_concentration=12.0)
-    for world in (Neutral, Probe):
-        envs = partial(world, first=zero, play=constant)
-        model, rows = ppo.train(cfg, envs, tmp_path, 1, make_model=Mine)
-    assert type(model) is Mine and len(rows) == 1
-    assert made == [(1, 1, (8,), 0.3, 12.0), (1, 1, (8,), 0.5, 12.0)], (
-        "observation, action, hidden layers, the neutral action or else the middle, concentration"
-    )
 
 
 QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
@@ -646,7 +581,7 @@ def same(model, other):
     return a.keys() == b.keys() and all(torch.equal(a[key], b[key]) for key in a)
 
 
-def wandering(num_envs):
+def wandering(num_envs, kind=Probe):
     """Short episodes with chance in it: where they begin, and (by the action) where they end."""
 
     def first(rng, n):
@@ -656,7 +591,7 @@ def wandering(num_envs):
         after = np.clip(obs + (action - 0.5), -1, 1).astype(np.float32)
         return after, after[:, 0], after[:, 0] > 0.6, after[:, 0] < -0.6
 
-    return Probe(num_envs, first, play)
+    return kind(num_envs, first, play)
 
 
 def stopped(folder, update, **more):
@@ -667,25 +602,16 @@ def stopped(folder, update, **more):
             ppo.train(QUICK, wandering, folder, 7 * 64, 3, **more)
 
 
-ADAM = torch.optim.Adam
-
-
 def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
-    whole, parts = tmp_path / "whole", tmp_path / "parts"
-    whole.mkdir()
-    parts.mkdir()
-    _, want = ppo.train(QUICK, wandering, whole, 7 * 64, 3)
-    stopped(parts, 4)
-    assert not (parts / "policy.pt").exists(), "it is written at the end"
-    middle = ppo.load_plain(parts / "checkpoint.pt", "model", "optimizer")
-    made = []
-
-    def adam(*args, **more):
-        made.append(ADAM(*args, **more))
-        return made[0]
-
-    with mock.patch.object(torch.optim, "Adam", adam):
-        model, rows = ppo.train(QUICK, wandering, parts, 7 * 64, 3, resume=True)
+    (tmp_path / "whole").mkdir()
+    _, want = ppo.train(QUICK, wandering, tmp_path / "whole", 7 * 64, 3)
+    for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
+        stopped(tmp_path, update, resume=done > 3)
+        assert not (tmp_path / "policy.pt").exists(), "it is written at the end"
+        stored = ppo.load_plain(tmp_path / "checkpoint.pt", "model", "optimizer")
+        steps = stored["optimizer"]["state"][0]["step"]
+        assert steps == done * QUICK.epochs * 2, "gradient steps: Adam's state is stored, too"
+    model, rows = ppo.train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True)
     for row, other in zip(rows, want, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
         assert (row["steps"], row["learning_rate"]) == (other["steps"], other["learning_rate"])
@@ -693,9 +619,7 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
         np.testing.assert_equal([row[name] for row in rows[:3]], [row[name] for row in want[:3]])
     assert rows[3]["entropy"] != want[3]["entropy"], "fresh episodes: not bit for bit the same"
     assert abs(rows[3]["entropy"] - want[3]["entropy"]) < 0.2, "but the same networks"
-    for state, updates in ((middle["optimizer"], 3), (made[0].state_dict(), 7)):
-        assert state["state"][0]["step"] == updates * QUICK.epochs * 2, "and Adam's state"
-    assert model.sharpness == QUICK.sharpest and not (parts / "checkpoint.pt").exists()
+    assert model.sharpness == QUICK.sharpest and not (tmp_path / "checkpoint.pt").exists()
 
 
 def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
@@ -707,83 +631,65 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     for (model, about), sharpness in ((start, 1.0), (tenth, k), (end, QUICK.sharpest)):
         assert model.sharpness == pytest.approx(sharpness), "k of that moment decides the mean"
         assert about.items() >= {"fits": FITS, "seed": 0, "steps": 20 * 64, "noise": False}.items()
-        assert about["config"]["gamma"] == QUICK.gamma
-    (tmp_path / "other").mkdir()
-    slow = replace(QUICK, learning_rate=0.0)
-    begin, _ = ppo.train(slow, wandering, tmp_path / "other", 64)
-    assert same(start[0], begin), "before anything is learned"
-    assert not same(start[0], tenth[0]) and not same(tenth[0], end[0]) and same(end[0], last)
-    assert end[1]["minutes"] > 0
+    assert end[1]["minutes"] > 0 and end[1]["config"]["gamma"] == QUICK.gamma
+    assert same(end[0], last) and not same(start[0], tenth[0])
     stopped(tmp_path, 5, fits=FITS)
-    now = contents(tmp_path)
-    assert {name: now[name] for name in before} == before, "a stopped training changes none of them"
-    stopped(tmp_path, 2, resume=True, fits=FITS)
-    ppo.train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True, fits=FITS)
+    kept = contents(tmp_path)
+    assert kept.items() >= before.items(), "a stopped training changes none of them"
+    ppo.train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
     assert {ppo.load_policy(tmp_path / name)[1]["seed"] for name in names} == {3}
-
-
-def test_the_checkpoint_of_a_stopped_training_is_put_aside(tmp_path, capsys):
-    stopped(tmp_path, 3)
-    before = contents(tmp_path)
-    ppo.train(QUICK, wandering, tmp_path, 64)
-    assert contents(tmp_path)["checkpoint.previous.pt"] == before["checkpoint.pt"]
-    assert "checkpoint.previous.pt" in capsys.readouterr().out, "nothing is lost in silence"
+    assert contents(tmp_path)["checkpoint.previous.pt"] == kept["checkpoint.pt"], "nothing is lost"
 
 
 def test_a_seed_is_a_training(tmp_path):
-    def run(seed, **changes):
-        return ppo.train(replace(QUICK, **changes), wandering, tmp_path, 3 * 64, seed)[0]
+    seeds = []
 
-    with mock.patch.object(Probe, "reset", autospec=True, side_effect=Probe.reset) as reset:
-        assert same(run(0), run(0)), "the same seed gives the same policy"
-        begin, other = (run(seed, learning_rate=0.0) for seed in (0, 1))
-    assert not same(begin, other), "another seed, other weights at the beginning"
-    seeds = [call.kwargs["seed"] for call in reset.call_args_list]
-    assert len(seeds) == 4 and seeds[0] == seeds[1] == seeds[2] != seeds[3], (
-        "episodes begin once, others for another seed"
-    )
+    class Listening(Probe):
+        def reset(self, seed=None, options=None):
+            seeds.append(seed)
+            return super().reset(seed)
+
+    def run(seed, **changes):
+        envs = partial(wandering, kind=Listening)
+        return ppo.train(replace(QUICK, **changes), envs, tmp_path, 3 * 64, seed)[0]
+
+    assert same(run(0), run(0)), "the same seed gives the same policy"
+    assert not same(*(run(seed, learning_rate=0.0) for seed in (0, 1))), "other first weights"
+    assert seeds[0] == seeds[1] == seeds[2] != seeds[3], "other episodes, which begin once"
 
 
 def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monkeypatch):
     closed = mock.Mock()
     monkeypatch.setattr(Probe, "close_extras", closed)
 
-    def run(cfg=QUICK, seed=3, total_steps=7 * 64, **about):
-        return ppo.train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
-
-    with pytest.raises(robot_model.InputError, match="checkpoint.pt: No such file"):
-        run()
-    stopped(tmp_path, 3, fits=FITS, noise=False)
-    for changes in (
-        {"seed": 1},
-        {"total_steps": 256},
-        {"cfg": replace(QUICK, gamma=0.5)},
-        {"fits": {"simulator": "mujoco"}},
-        {"noise": True},
-    ):
-        with pytest.raises(
-            robot_model.InputError,
-            match="cannot resume: (seed|steps|config: gamma|fits: simulator|noise) .*, here ",
-        ) as caught:
-            run(**{"fits": FITS, "noise": False, **changes})
+    def refused(said, cfg=QUICK, seed=3, total_steps=7 * 64, **about):
+        with pytest.raises(robot_model.InputError, match=said) as caught:
+            ppo.train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
         assert len(str(caught.value).splitlines()) == 1
+
+    refused("checkpoint.pt: No such file")
+    stopped(tmp_path, 3, fits=FITS)
+    for name, changes in {
+        "seed": {"seed": 1},
+        "steps": {"total_steps": 256},
+        "config: gamma": {"cfg": replace(QUICK, gamma=0.5)},
+        "fits: simulator": {"fits": {"simulator": "mujoco"}},
+    }.items():
+        refused(f"cannot resume: {name} .*, here ", **{"fits": FITS, **changes})
     ppo.save_plain(tmp_path / "checkpoint.pt", ppo.plain(ppo.ActorCritic(1, 1), META))
-    with pytest.raises(robot_model.InputError, match=r"checkpoint\.pt: damaged, or not written"):
-        run()
-    assert closed.call_count == 8, "the processes of a simulator would stay"
+    refused(r"checkpoint\.pt: damaged, or not written")
+    assert closed.call_count == 7, "the processes of a simulator would stay"
 
 
 def test_a_policy_says_what_it_was_trained_in(tmp_path):
-    task = env.Task(s_c=0.2)
-    make_envs = partial(env.FootstepVectorEnv, sim="mujoco", imu=True, cores=1, task=task)
+    make_envs = partial(env.FootstepVectorEnv, imu=True, cores=1, task=env.Task(s_c=0.2))
     cfg = replace(QUICK, num_envs=1, rollout=2, minibatch=2)
     ppo.train(cfg, make_envs, tmp_path, 1)
     fits = ppo.load_policy(tmp_path / "policy.pt")[1]["fits"]
-    assert fits["simulator"] == "mujoco" and len(fits["observation"]) == 25
-    assert fits["walk"]["reflex"] == env.walk_engine.TUNED["mujoco"].reflex
+    assert fits["simulator"] == "pymunk" and len(fits["observation"]) == 25
+    assert fits["walk"]["reflex"] == env.walk_engine.TUNED["pymunk"].reflex
     assert fits["task"]["s_c"] == 0.2 and fits["robot"]["torso"]["mass"] == 3.49
     other = {**fits, "task": {**fits["task"], "s_c": 0.1, "s_d": 2.0}}
-    assert ppo.differences(fits, fits) == []
     assert ppo.differences(fits, other) == ["task: s_c 0.2, here 0.1", "task: s_d 1.0, here 2.0"]
     assert ppo.differences({"a": 1}, {"b": 2}) == [], "an older file may know less"
 
@@ -802,42 +708,27 @@ class Foreign:
         return Path.touch, (self.path,)
 
 
-def flipped(path, good):
-    """One bit of the weights is another one."""
-    middle = good.index(b"data/0") + 200
-    path.write_bytes(good[:middle] + bytes([good[middle] ^ 64]) + good[middle + 1 :])
-
-
-def other_networks(path, good):
-    model = ppo.ActorCritic(5, 2, hidden=(7,))
-    torch.save({**ppo.plain(model, META), "hidden": (8,)}, path)
-
-
 @pytest.mark.parametrize("damage", [
     lambda path, good: path.unlink(),
-    lambda path, good: path.write_bytes(b""),
     lambda path, good: path.write_bytes(good[:-3]),
     lambda path, good: path.write_text("hello"),
-    lambda path, good: (path.unlink(), path.mkdir()),
-    lambda path, good: path.write_bytes(pickle.dumps({"format": 1})),
     lambda path, good: torch.save({"fits": Foreign(path.with_name("touched"))}, path),
     lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
     lambda path, good: torch.save([1, 2], path),
     lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
-    flipped, other_networks,
-], ids=["missing", "empty", "but for its end", "text", "folder", "pickle", "code", "class", "list",
-        "no weights", "flipped bit", "other networks"])  # fmt: skip
-def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, recwarn, damage):
+    lambda path, good: torch.save({**ppo.plain(ppo.ActorCritic(5, 2), META), "hidden": (8,)}, path),
+    lambda path, good: path.write_bytes(good.replace(b"data/0", b"data/9")),
+], ids=["missing", "but for its end", "text", "code", "class", "list", "no weights",
+        "other networks", "damaged"])  # fmt: skip
+def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "bad.pt"
     ppo.save_plain(path, ppo.plain(ppo.ActorCritic(5, 2), META))
     damage(path, path.read_bytes())
-    with pytest.raises(robot_model.InputError, match=r"bad\.pt: ") as caught:
+    said = r"bad\.pt: (No such file|damaged, or not|.*networks)"
+    with pytest.raises(robot_model.InputError, match=said) as caught:
         ppo.load_policy(path)
-    said = ("No such file", "Is a directory", "Permission denied", "damaged, or not", "networks")
-    assert any(words in str(caught.value) for words in said)
     assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "touched").exists(), "reading a file ran code from inside it"
-    assert not [one for one in recwarn if one.category is not ResourceWarning], "a line of its own"
 
 
 def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
@@ -891,19 +782,14 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
 
 def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    told = told_to_train(["--env", "Pendulum-v1"], monkeypatch)
-    assert told["cfg"] == ppo.GYM_CONFIG and Path(told["out"]) == Path("runs/Pendulum-v1")
-    assert told["about"]["fits"] == {"simulator": "Pendulum-v1"}
-    assert told["make_envs"](2).single_observation_space.shape == (3,)
-    told = told_to_train(["--env", "Pendulum-v1", "--gamma", "0.95"], monkeypatch)
+    register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
+    told = told_to_train(["--env", "Square-v0", "--gamma", "0.95"], monkeypatch)
     assert told["cfg"] == replace(ppo.GYM_CONFIG, gamma=0.95)
-
-
-def test_our_own_task_is_a_gymnasium_task_like_others(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(ppo, "GYM_CONFIG", replace(SMALL, num_envs=2, rollout=4, minibatch=8))
-    ppo.main(["--env", "03_env:Footsteps-v0", "--steps", "1"])
-    assert Path("runs/03_env-Footsteps-v0/policy.pt").is_file()
+    assert Path(told["out"]) == Path("runs/Square-v0")
+    assert told["about"]["fits"] == {"simulator": "Square-v0"}
+    with closing(told["make_envs"](2)) as envs:
+        assert envs.single_action_space == gym.spaces.Box(0.0, 1.0, (2,), np.float32), "as shares"
+        assert envs.single_observation_space.shape == (2,), "flat"
 
 
 def register(monkeypatch, observations, actions):
@@ -914,14 +800,6 @@ def register(monkeypatch, observations, actions):
 
     spec = gym.envs.registration.EnvSpec("Square-v0", entry_point=Square)
     monkeypatch.setitem(gym.registry, "Square-v0", spec)
-
-
-def test_another_task_gets_flat_observations_and_actions_as_shares(monkeypatch):
-    register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
-    envs = ppo.gym_envs("Square-v0", 2)
-    assert envs.single_action_space == gym.spaces.Box(0.0, 1.0, (2,), np.float32)
-    assert envs.single_observation_space.shape == (2,)
-    envs.close()
 
 
 @pytest.mark.parametrize(
@@ -941,16 +819,6 @@ def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, space
         ppo.main(["--env", "Square-v0", "--steps", "1"])
 
 
-def test_a_student_s_own_errors_keep_their_traceback(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(ppo, "PPOConfig", lambda: replace(QUICK, num_envs=1))
-    monkeypatch.setattr(robot_model, "CORES", 1)
-    for error in (ImportError, FloatingPointError, gym.error.Error, ValueError):
-        with monkeypatch.context() as patch, pytest.raises(error, match="in my improve"):
-            patch.setattr(ppo, "improve", mock.Mock(side_effect=error("in my improve")))
-            ppo.main(["--steps", "16"])
-
-
 @pytest.mark.slow
 def test_a_short_training_improves_the_pendulum(tmp_path):
     pendulum = partial(ppo.gym_envs, "Pendulum-v1")
@@ -958,21 +826,3 @@ def test_a_short_training_improves_the_pendulum(tmp_path):
     returns = np.array([row["return"] for row in rows])
     first, last = returns[1], np.nanmean(returns[-10:])
     assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"
-
-
-def test_command_line_trains_and_tells_what_it_wrote(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(ppo, "GYM_CONFIG", replace(SMALL, num_envs=1, rollout=201))
-    ppo.main(["--env", "Pendulum-v1", "--steps", "1", "--out", str(tmp_path)])
-    said = capsys.readouterr().out
-    assert "policy.pt" in said, "tell what was written"
-    assert "05_evaluate" not in said, "stage 5 walks robots; it cannot judge a pendulum"
-    assert {
-        "policy.pt",
-        "policy.start.pt",
-        "policy.tenth.pt",
-        "learning_curve.csv",
-        "learning_curve.png",
-    } == {path.name for path in tmp_path.iterdir()}
-    row = np.genfromtxt(tmp_path / "learning_curve.csv", delimiter=",", names=True)
-    assert row["length"] == 200 and row["return_"] < 0, "an episode has ended"
-    assert math.isnan(row["success"]), "not reported by Pendulum: nan, not 0"

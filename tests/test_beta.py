@@ -5,9 +5,9 @@ from importlib import import_module
 import numpy as np
 import pytest
 import torch
+from checks import close
 
 exercise = import_module("beta")  # tests/exercises/beta.py, or a student's
-close = np.testing.assert_allclose
 SHAPES = [(1.0, 1.0), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0), (1.0, 3.0)]
 
 
@@ -50,12 +50,10 @@ def test_beta_log_prob_sums_over_the_variables():
     close(
         got,
         truth.log_prob(x).sum(-1),
-        rtol=1e-5,
+        "ln p of independent variables is the SUM (not the mean) of theirs: (α−1)·ln x + "
+        "(β−1)·ln(1−x) − ln B(α, β); are α and β, x and 1 − x in their places?",
         atol=1e-5,
-        err_msg=(
-            "ln p of independent variables is the SUM (not the mean) of theirs: (α−1)·ln x + "
-            "(β−1)·ln(1−x) − ln B(α, β); are α and β, x and 1 − x in their places?"
-        ),
+        rtol=1e-5,
     )
 
 
@@ -66,12 +64,10 @@ def test_beta_entropy_sums_over_the_variables():
     close(
         got,
         truth.entropy().sum(-1),
-        rtol=1e-5,
+        "compare every sign with the equation; ψ is the DIgamma function, the derivative of "
+        "ln Γ, and the last factor is α + β − 2",
         atol=1e-5,
-        err_msg=(
-            "compare every sign with the equation; ψ is the DIgamma function, the derivative of "
-            "ln Γ, and the last factor is α + β − 2"
-        ),
+        rtol=1e-5,
     )
 
 
@@ -96,5 +92,5 @@ def test_beta_mode_stays_inside_where_the_formula_is_nearly_zero_by_zero(alone):
     close(
         exercise.beta_mode(a, b),
         [0.5, 1.0, 0.0],
-        err_msg=("α + β − 2 loses the digits that α − 1 and β − 1 still have; and 0/0 is 0.5 here"),
+        "α + β − 2 loses the digits that α − 1 and β − 1 still have; and 0/0 is 0.5 here",
     )

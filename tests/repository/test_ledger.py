@@ -58,40 +58,6 @@ def test_everything_that_is_named_exists(page):
     assert len(found) > 3, f"{page} names nothing: has its notation changed?"
 
 
-def test_every_row_of_the_ledger_has_a_verdict():
-    assert len(LEDGER) > 50, "the ledger is one table"
-    for line in LEDGER[2:]:
-        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-        assert len(cells) == 5, f"{len(cells)} cells instead of 5: {line}"
-        assert cells[4].startswith(("reproduced", "changed", "unknown", "left out")), line
-        if not cells[4].startswith("left out"):
-            assert NAME.search(cells[2]), f"who implements it? {line}"
-            assert NAME.search(cells[3]), f"who tests it? {line}"
-
-
-def test_the_ledger_leaves_out_no_part_of_the_paper():
-    parts = [
-        "I",
-        "II a",
-        "II b",
-        "II c",
-        "II d",
-        "II e",
-        "III",
-        "IV",
-        "(1)",
-        "Table I",
-        "Table II",
-        "Fig. 1",
-        "Fig. 2",
-        "Fig. 3",
-        *(f"[{number}]" for number in range(3, 11)),
-    ]
-    for part in parts:
-        found = [line for line in LEDGER if re.search(rf"(^| ){re.escape(part)}( |,|$)", line)]
-        assert found, f"where is {part}?"
-
-
 @pytest.mark.parametrize("kind", EXERCISES)
 def test_every_exercise_belongs_to_a_lesson(kind):
     absent = [name for name in EXERCISES[kind] if f"`{kind}.{name}`" not in TEXT["course.md"]]

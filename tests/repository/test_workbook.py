@@ -63,15 +63,11 @@ def test_readme_and_list_agree():
     place = ""
     for part in re.split(r"^(?=###)", README, flags=re.MULTILINE):
         place = (re.findall(r"^### .*`(\w+)\.py`$", part, re.MULTILINE) or [place])[0]
-        if not part.startswith("#### "):
-            continue
-        row = BOOK[part.split()[1]]
-        assert place == row.file, f"{row.name} is in {row.file}.py"
-        assert part.count("<details><summary>Hints</summary>") == part.count("</details>") == 1
-        assert 2 <= len(re.findall(r"^\d\. ", part, re.MULTILINE)) <= 3, f"{row.name}: hints"
-        assert "You learn " in part, row.name
-        for function in row.functions:
-            assert f"`{function}`" in part, f"{row.name}: {function} is to be written, too"
+        if part.startswith("#### "):
+            row = BOOK[part.split()[1]]
+            assert place == row.file, f"{row.name} is in {row.file}.py"
+            for said in ("<summary>Hints</summary>", "You learn ", *row.functions):
+                assert said in part, f"{row.name}: where is {said}?"
 
 
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
@@ -95,23 +91,17 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     script, out = FOLDER / "sheet.py", tmp_path / "my exercises"
     done = run(script, "--out", "my exercises", cwd=tmp_path, PYTHONIOENCODING="cp1252")
     assert done.returncode == 0, done.stderr
-    files = {f"{row.file}.py" for row in BOOK.values()}
-    assert {path.name for path in out.iterdir()} == files
+    assert {path.name for path in out.iterdir()} == {f"{row.file}.py" for row in BOOK.values()}
     assert "/exercises/" in (ROOT / ".gitignore").read_text("utf-8"), "a student's work"
     assert workbook.command("wrap", '"' + out.resolve().as_posix() + '"') in done.stdout
-    for name in files:
-        assert b"\r" not in (out / name).read_bytes()
-    mine = out / "04_ppo.py"
+    mine, solved = out / "04_ppo.py", out / "05_evaluate.py"
     mine.write_text("# a night's work\n")
-    again = run(script, "--out", out, cwd=tmp_path)
+    solved.write_text("# solved\n")
+    again = run(script, "--out", out)
     (line,) = again.stderr.splitlines()
     assert again.returncode == 2 and "--force" in line and mine.read_text() == "# a night's work\n"
-    solved = out / "05_evaluate.py"
-    solved.write_text("# solved\n")
-    only = run(script, "--out", out, "--force", "--only", "gae", "quintic", cwd=tmp_path)
-    assert only.returncode == 0, only.stderr
-    for name in ("04_ppo.py", "02_walk_engine.py"):
-        assert (out / name).read_text("utf-8").count("exercise: ") == 1, name
+    assert run(script, "--out", out, "--force", "--only", "gae").returncode == 0
+    assert mine.read_text("utf-8").count("exercise: ") == 1
     assert solved.read_text() == "# solved\n", "files of other exercises stay"
 
 
@@ -179,7 +169,8 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
 def test_who_skips_or_exits_gets_no_stars_and_the_others_keep_theirs(tmp_path):
     folder = submission(tmp_path / "bob", compose='import pytest\npytest.skip("later")')
     (folder / "05_evaluate.py").write_text("import sys\nsys.exit()\n", encoding="utf-8")
-    words = last_words(grade(folder, "-k", "wrap or compose or low_pass"))
+    command = workbook.command('"wrap or compose or low_pass"', folder)  # as the sheets say it
+    words = last_words(run(*shlex.split(command)[1:]))
     assert re.search(r"compose ★: 0 of \d tests pass", words), words
     assert "wrap ★: solved" in words
     assert re.search(r"low_pass ★: 0 of \d tests pass\n  - .*ends Python", words), words
@@ -196,11 +187,6 @@ def test_marks_of_a_submission_that_ended_python_are_no_result(tmp_path):
         "ada: 1 of 1 exercises solved, 2 of 2 stars",
         "marks_bob.txt: no result",
     ]
-
-
-def test_the_command_of_the_sheets_works_word_for_word_from_the_root():
-    done = run(*shlex.split(workbook.command("wrap", ROOT / "tests" / "exercises"))[1:])
-    assert "wrap ★: not handed in, there is no 01_robot_model.py" in last_words(done)
 
 
 @pytest.mark.parametrize(
@@ -374,14 +360,12 @@ def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepte
 
 
 def test_every_exercise_has_wrong_and_right_solutions_which_are_few_lines():
+    lines = 0
     for file, least in (("wrong.py", 5), ("right.py", 2)):
         counts = Counter(PLACE[node.name][0].name for node, *_ in solutions(file))
         assert all(counts[name] >= least for name in BOOK), f"{file}: {counts}"
-    texts = [
-        (FOLDER / "solutions" / file).read_text(encoding="utf-8")
-        for file in ("wrong.py", "right.py")
-    ]
-    assert sum(len(text.splitlines()) for text in texts) <= 2000
+        lines += len((FOLDER / "solutions" / file).read_text("utf-8").splitlines())
+    assert lines <= 2000
 
 
 def test_every_emptied_function_is_rejected():

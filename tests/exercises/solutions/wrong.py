@@ -82,7 +82,7 @@ def relative(base, pose, mistake):
 @wrong("a fall backward is none", "pitch -46°")
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
 @wrong("roll and pitch apart", "roll 35°, pitch 35°")
-@wrong("roll and pitch added up", "roll 30°, pitch 30°")
+@wrong("roll and pitch added up", "roll 32°, pitch 32°")
 @wrong("the yaw tilts, too", "roll 0°, pitch 0°")
 @wrong("degrees and radians", "roll 46°")
 @wrong("0.2 m by heart", "of 0.6 m")
@@ -455,7 +455,7 @@ def potentials(goal, near_m, mistake):
 @wrong("the sign of r_fall", "a fall costs")
 @wrong("pays for being near", "progress")
 @wrong("lengths, not squares", "−Σ (action − last action)²")
-@wrong("one weight for before and after", "take it back")
+@wrong("one weight for before and after", "|α′|·near(d′)")
 @wrong("before and after exchanged", "d before − d after")
 @wrong("γ·Φ′ − Φ", "not γ·Φ′ − Φ")
 @wrong("r_c adds up all robots", ".sum(-1)")
@@ -851,7 +851,7 @@ def velocity_command(goal, settings, mistake):
 
 
 @wrong("each foot takes all of the way", "half the period's way")
-@wrong("both feet step outward", "sideways: all of it by one foot")
+@wrong("both feet step outward", "sideways: one foot takes it all")
 @wrong("the left foot steps inward, too", "one foot takes it all")
 @wrong("each foot takes half of the sideways way", "one foot takes it all")
 @wrong("the right foot leads to the left", "sideways: one foot takes it all")
