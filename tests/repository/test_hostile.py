@@ -20,7 +20,6 @@ ROOT = Path(__file__).resolve().parents[2]
 EXTREME = {
     "no friction": {"friction": 0.0},
     "no motors": {"torque_limit": (0.1,) * 6},
-    "coarse time": {"control_dt": 0.04},
 }
 
 
