@@ -446,6 +446,13 @@ def test_a_robot_let_go_in_the_air_drops_freely_and_has_fallen_half_way(make_sim
     )
     assert not motion.fell[0], "half of the height at which it stood is a fall, not more"
     assert sim.run([0], still(name, 1, 0.02)).fell[0], "below half of its height it has fallen"
+    if name == "mujoco":
+        sim.state[0, 22] = 2.0  # thrown up again [m/s]
+    else:
+        for body in planar_bodies(sim.spaces[0]):
+            body.velocity = 0.0, 2.0
+    motion = sim.run([0], still(name, 1, 0.1))
+    assert motion.fell[0] and motion.torso[0, -1, 2] > 0.55, "looked for at every control tick"
 
 
 @BOTH
@@ -501,15 +508,6 @@ def test_the_reflex_brakes_what_a_push_begins(make_sim, name):
         )
         assert not fell[0], f"{what}: the reflex keeps it up"
         assert fell[2] or push[1], f"{what}: the opposite sign drives the sway until it falls"
-
-
-@pytest.mark.parametrize("whole, changes", [
-    (ROBOT, {"gravity": math.inf}),
-    (ROBOT, {"torque_limit": (1.0, 1.0, math.nan, 1.0, 1.0, 1.0)}), (ROBOT.foot, {"mass": 0.0}),
-    (ROBOT.foot, {"inertia": (1, -1, 1)})], ids=str)  # fmt: skip
-def test_an_impossible_robot_is_one_line(whole, changes):
-    with pytest.raises(ValueError, match=f"{type(whole).__name__}: {[*changes][0]} cannot be"):
-        replace(whole, **changes)
 
 
 @BOTH

@@ -649,8 +649,9 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
 
 @pytest.mark.parametrize("kind, wrong", [
     (env.Spread, {"mass": 1.0}), (env.Spread, {"delay": 2}), (env.Spread, {"gyro": math.nan}),
-    (env.Task, {"time_limit": 0.0}), (env.Task, {"noise_m": -0.1}),
+    (env.Task, {"time_limit": 0.0}),
     (partial(replace, walk_engine.TUNED["mujoco"]), {"half_ticks": 0}),
+    (robot_model.RobotModel, {"torque_limit": (1.0, math.nan)}), (partial(replace, ROBOT.foot), {"mass": 0.0}),
     (env.FootstepWorld, {"num_robots": 0}), (env.FootstepEnv, {"sim": "bullet"}),
     (env.FootstepEnv, {"push": math.nan}),
 ], ids=str)  # fmt: skip
