@@ -437,8 +437,9 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
     envs, fell = make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1), np.zeros(3, bool)
     world, rng, settings = envs.world, np.random.default_rng(0), {"goals": [[2.0, 0, 0]] * 3}
 
-    def follows(robots, plan):  # exactly the plan
-        way = robot_model.relative(plan.trunk[:, 0, [0, 1, 5]], plan.trunk[:, -1, [0, 1, 5]])
+    def follows(robots, trajectory):  # exactly the plan
+        trunk = trajectory.trunk[..., [0, 1, 5]]
+        way = robot_model.relative(trunk[:, 0], trunk[:, -1])
         return motion(robot_model.compose(world.pose, way), fell)
 
     monkeypatch.setattr(world.simulator, "run", follows)
@@ -757,7 +758,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     envs.reset(seed=0, options={"goals": [goal] * 5})
     envs.world.steps[:] = whole - np.array([3, 2, 2, 2, 2])
     for poses, fell in ((first, np.zeros(5, bool)), (second, want == "fall")):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, m=motion(poses, fell): m)
+        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, m=motion(poses, fell), **__: m)
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
         assert (terminated | truncated).any() == (poses is second), "there was time for two"
     hint = "a time-out truncates: stage 4 bootstraps there, and not after a fall"

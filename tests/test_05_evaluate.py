@@ -729,9 +729,9 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, monkeypatch):
     world = env.FootstepWorld(1, cores=1)
     plans, falls, pictures, run = [], [], itertools.count(), world.simulator.run
 
-    def watched(robots, plan):
-        plans.append((plan.push.any(), plan.reflex_gain.any()))  # pushed? with the reflex?
-        return replace(run(robots, plan), fell=np.array([bool(falls and falls.pop())]))
+    def watched(robots, trajectory):  # is it pushed? with the reflex?
+        plans.append((trajectory.push.any(), trajectory.reflex_gain.any()))
+        return replace(run(robots, trajectory), fell=np.array([bool(falls and falls.pop())]))
 
     def do(kind, name, *what):
         figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
