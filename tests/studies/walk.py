@@ -1,6 +1,6 @@
 """How well does the walk engine walk, and how large may a step be?
 
-    python tests/studies/walk.py             speeds, random plans, the feet; 10 seconds
+    python tests/studies/walk.py             speeds, random plans, the feet; 5 seconds
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
 
@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from common import env, robot_model, share, walk_engine
 
-DURATION = "10 seconds; --limits 2 minutes; --tune 20 minutes, in 3-D"
+DURATION = "5 seconds; --limits 2 minutes; --tune 20 minutes, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
 # it moves, and the speed that we require [m/s, rad/s]. Our choice, from first trials.
 DIRECTIONS = {
