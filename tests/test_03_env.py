@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from checks import close, equal
 from gymnasium.utils.env_checker import check_env
+from numpy.random import default_rng
 
 env = import_module("03_env")
 robot_model, walk_engine = env.robot_model, env.walk_engine
@@ -71,7 +72,7 @@ def test_gymnasium_can_make_vectors(make, mode, more):
 @BOTH
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
 def test_robots_together_equal_robots_alone(make, sim, n):
-    rng, task = np.random.default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
+    rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
     cores = 1 if sim == "pymunk" and n == 3 else 2  # its processes need seconds to start
     settings = {"noise": True, "imu": True, "push": 1.2, "task": task}  # [m/s] some of them fall
     together = make(env.FootstepVectorEnv, n, sim, cores=cores, **settings)
@@ -130,12 +131,12 @@ def test_goal_is_encoded_as_in_the_table():
     )
     far = env.encode_goal(np.broadcast_to([4.0, -3.0, math.pi * 1.5], 3))
     close(far[:3], [2, 1, -1], "clipped: 2 m and ±1 (for a goal at (4, −3))")
-    assert far[7] == pytest.approx(-0.5), "270° is −90°: wrap the angle"
+    close(far[7], -0.5, "270° is −90°: wrap the angle")
 
 
 @pytest.mark.parametrize("shape", [(1,), (7,), (2, 3)], ids=str)
 def test_many_goals_are_encoded_each_by_itself(shape):
-    goals = np.random.default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (*shape, 3))
+    goals = default_rng(6).uniform([-2, -2, -9], [2, 2, 9], (*shape, 3))
     encoded = env.encode_goal(goals)
     assert encoded.shape == (*shape, 8), "goals [..., 3] -> [..., 8]: write x as goal[..., 0]"
     alone = [env.encode_goal(goal) for goal in goals.reshape(-1, 3)]
@@ -149,7 +150,7 @@ def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
     equal(both[:, :20], seen, "the IMU is observed only when it is asked for")
     lean = 4 * more.world.engine.parameters.trunk_pitch
     close(both[:, 20:], np.tile([0, lean, 0, 0, 0], (3, 1)), "it starts leaning", atol=1e-6)
-    actions = np.random.default_rng(7).uniform(0.3, 0.7, (3, 6))
+    actions = default_rng(7).uniform(0.3, 0.7, (3, 6))
     seen, *_, infos = more.step(actions)
     motion = infos["motion"]
     imu = np.concatenate([4 * motion.torso[:, -1, 3:5], motion.angular_velocity], -1)
@@ -180,7 +181,7 @@ SHARES = (
 
 @BOTH
 def test_actions_and_footsteps_are_inverse(sim):
-    limits, rng = env.LIMITS[sim], np.random.default_rng(2)
+    limits, rng = env.LIMITS[sim], default_rng(2)
     low, high = np.tile(limits.low, 2), np.tile(limits.high, 2)  # [6]
     for k, share in itertools.product(range(6), (0.0, 0.5, 1.0)):  # and all the rest is zero steps
         shares, want = -low / (high - low), np.zeros(6)
@@ -261,17 +262,12 @@ FORMULAS = {
     "r_time": "every double step costs s_time",
 }
 
-STATED = env.Task(near_m=0.4, s_d=1, s_a=0.3, s_o=0.1, s_c=0.1, s_fall=10, s_goal=1.5, s_time=0.04)
 OTHER = env.Task(near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5)
-
-
-def test_the_scalars_of_the_reward_are_those_of_the_ledger():
-    assert TASK == STATED
 
 
 @pytest.mark.parametrize("task", [TASK, OTHER], ids=["task", "another task"])
 def test_reward_formulas_of_every_robot_are_those_by_hand(task):
-    rng, n = np.random.default_rng(8), 6  # yaws beyond a turn: α is wrapped
+    rng, n = default_rng(8), 6  # yaws beyond a turn: α is wrapped
     before, after = np.broadcast_to(rng.uniform([-1, -1, -6], [1, 1, 6], (2, n, 3)), (2, n, 3))
     action, last = rng.random((2, n, 6))
     fall = np.array([True, False, False, True, False, False])
@@ -285,9 +281,11 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
         want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i], task)
         assert got.keys() == want.keys()
         for name in want:
-            assert got[name][i] == pytest.approx(want[name], abs=1e-12), (
+            close(
+                got[name][i],
+                want[name],
                 f"{name} of robot {i}: the sign, the scalar of this task, an angle that is not "
-                f"wrapped, or another robot's numbers? {FORMULAS[name]}"
+                f"wrapped, or another robot's numbers? {FORMULAS[name]}",
             )
 
 
@@ -295,7 +293,7 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
     goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
     world, robots = make(env.FootstepWorld, 4, sim, noise=True, cores=1), np.arange(4)
-    world.reset(robots, [np.random.default_rng(i) for i in robots], goals)
+    world.reset(robots, [default_rng(i) for i in robots], goals)
     for _ in range(12):
         before, last = robot_model.relative(world.pose, goals), world.actions[:, 0].copy()
         action = env.hand_written(world.look(robots).goal, world.limits)
@@ -311,13 +309,15 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
 @pytest.mark.parametrize("name", ["r_d", "r_a", "r_o"])
 def test_discounted_progress_telescopes(name):
     # Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},  t = 0 … T − 1
-    path = np.random.default_rng(9).uniform([-1, -1, -3], [1, 1, 3], (21, 3))  # T = 20
+    path = default_rng(9).uniform([-1, -1, -3], [1, 1, 3], (21, 3))  # T = 20
     phi = np.array([potentials(goal)[name] for goal in path])
     factors, still, never = GAMMA ** np.arange(20), np.zeros((20, 6)), np.zeros(20, bool)
     parts = env.reward_terms(path[:-1], path[1:], still, still, never, never, TASK)
     paid, waiting = factors @ parts[name], (1 - GAMMA) * factors @ phi[1:]
-    assert paid == pytest.approx(GAMMA**20 * phi[-1] - phi[0] + waiting, abs=1e-9), (
-        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}"
+    close(
+        paid,
+        GAMMA**20 * phi[-1] - phi[0] + waiting,
+        f"{name} is Φ′ − Φ, not Φ − Φ′ and not γ·Φ′ − Φ: {FORMULAS[name]}",
     )
 
 
@@ -345,8 +345,11 @@ def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
     for radius in (0.3, 0.6, 1.0, 1.5, 2.0):
         # x, y ~ N(0, σ) lie within r with 1 − exp(−r² / 2σ²); half have σ = 0.5 m, half 1 m
         want = np.mean([1 - math.exp(-((radius / std) ** 2) / 2) for std in (0.5, 1.0)])
-        assert np.mean(d < radius) == pytest.approx(want, abs=0.04), (
-            f"share of the goals within {radius} m. All with one spread, or not half and half?"
+        close(
+            np.mean(d < radius),
+            want,
+            f"share of the goals within {radius} m. All with one spread, or not half and half?",
+            atol=0.04,
         )
 
 
@@ -358,7 +361,13 @@ def test_streams_are_separate_and_repeatable():
     assert len({*drawn[0]}) == len(keys), "to numpy (0, 0) is (0): zeros at the end vanish"
 
 
-@pytest.mark.parametrize("sense, std", [("goal", [0.05] * 3), ("IMU", [0.02] * 2 + [0.1] * 3)])
+@pytest.mark.parametrize(
+    "sense, std",
+    [
+        ("goal", [TASK.noise_m] * 2 + [TASK.noise_rad]),
+        ("IMU", [TASK.imu_rad] * 2 + [TASK.imu_rad_s] * 3),
+    ],
+)
 def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
     goal = np.array([[0.5, -0.4, 3.13]])  # near ±π: noise has to be wrapped
     exact, noisy = (make(env.FootstepWorld, 1, noise=noise) for noise in (False, True))
@@ -423,7 +432,7 @@ def test_estimate_correct_by_hand():
 
 
 def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
-    seen, still = np.random.default_rng(0).normal(size=(20, 4, 3)), np.zeros((4, 3))
+    seen, still = default_rng(0).normal(size=(20, 4, 3)), np.zeros((4, 3))
     goal, variance = still, still + 1e6
     for n, measured in enumerate(seen, 1):
         goal, variance = env.predict(goal, variance, still, 0 * DRIFT)
@@ -435,7 +444,7 @@ def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
 @BOTH
 def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, monkeypatch, sim):
     envs, fell = make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1), np.zeros(3, bool)
-    world, rng, settings = envs.world, np.random.default_rng(0), {"goals": [[2.0, 0, 0]] * 3}
+    world, rng, settings = envs.world, default_rng(0), {"goals": [[2.0, 0, 0]] * 3}
 
     def follows(robots, trajectory):  # exactly the plan
         trunk = trajectory.trunk[..., [0, 1, 5]]
@@ -479,7 +488,7 @@ def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
     rows = push.reshape(-1, *push.shape[2:])  # [2400, T, 2]
     size = np.hypot(*np.moveaxis(rows, -1, 0))  # [2400, T] [N]
     pushed = size.any(1)
-    assert pushed.mean() == pytest.approx(world.engine.period / 3.0, abs=0.03), "every 3 s"
+    close(pushed.mean(), world.engine.period / TASK.push_every, "every 3 s", atol=0.03)
     force = ROBOT.torso.mass * 0.4 / 0.05  # F = m·Δv / t, t = five ticks of 10 ms
     first = size[pushed].argmax(1)
     for row, begin in zip(size[pushed], first):
@@ -496,20 +505,20 @@ def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
 
 
 def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, monkeypatch):
-    _, gyro, world = disturbances(make, monkeypatch, "pymunk", 0.0, 25, 64)
-    error = np.moveaxis(gyro, 1, 0).reshape(64, -1, 2)  # [64, 1550, 2] tick after tick
-    close(error.mean(1), world.gyro_offset, atol=0.012)
+    _, gyro, world = disturbances(make, monkeypatch, "mujoco", 0.0, 8, 300)
+    error = np.moveaxis(gyro, 1, 0).reshape(300, -1, 2)  # [300, 496, 2] tick after tick
     noise = error - world.gyro_offset[:, None]
-    close(noise.std(1), 0.1, rtol=0.1)
+    close(noise.mean(1), 0, "the same offset in all of an episode", atol=0.022)
+    close(noise.std((0, 1)), TASK.imu_rad_s, rtol=0.02)
     pairs = np.concatenate([noise[:, :-1], noise[:, 1:]], -1).reshape(-1, 4)
-    assert np.abs(np.corrcoef(pairs.T) - np.eye(4)).max() < 0.05, "anew at every tick, for x and y"
-    ends = np.quantile(world.gyro_offset, [0, 0.5, 1], 0)
-    close(ends[:, 0], [-0.05, 0, 0.05], "uniformly from −0.05 to 0.05 rad/s", atol=0.015)
+    assert np.abs(np.corrcoef(pairs.T) - np.eye(4)).max() < 0.02, "anew at every tick, for x and y"
+    parts = np.quantile(world.gyro_offset, [0, 0.25, 0.75, 1])
+    close(parts / env.Spread().gyro, [-1, -0.5, 0.5, 1], "evenly within the spread", atol=0.1)
 
 
 def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     spread, count = env.Spread(), 500
-    body = spread.draw(np.random.default_rng(0).spawn(count), ROBOT)
+    body = spread.draw(default_rng(0).spawn(count), ROBOT)
     for what, width, middle, half in (
         ("friction", 1, ROBOT.friction, spread.friction),
         ("mass", 9, 1, spread.mass),
@@ -524,12 +533,12 @@ def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     values = np.column_stack([body.friction, body.mass, body.stiffness, body.stiction, body.delay])
     alike = np.corrcoef(values.T) - np.eye(35)
     assert np.abs(alike).max() < 0.2, "every value is drawn by itself: two go together"
-    ice = env.Spread(friction=2.0).draw(np.random.default_rng(0).spawn(50), ROBOT)
+    ice = env.Spread(friction=2.0).draw(default_rng(0).spawn(50), ROBOT)
     assert ice.friction.min() == 0, "no friction is less than none"
 
 
 BODY = set(robot_model.Body.__dataclass_fields__)
-WILD = np.random.default_rng(0).random(6)
+WILD = default_rng(0).random(6)
 
 
 class Greedy(env.Spread):  # takes more random numbers than ours
@@ -595,7 +604,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
         world.reset(np.arange(3), [env.stream("training", seed, i) for i in range(3)])
         world.pose += far
         world.set_goal(np.arange(3), robot_model.compose(world.pose, goals))  # as seen, the same
-        views.append(vars(world.look(np.array([2, 1]))))
+        views.append(vars(world.look([2, 1])))
     assert (views[0].pop("limits"), views[1].pop("limits")) == (world.limits, world.limits)
     for name, shown in views[1].items():
         close(views[0][name], shown, f"{name} tells what no robot can know", atol=1e-6)
@@ -608,7 +617,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
 
 
 def test_another_goal_amid_a_walk_is_a_new_one(make):
-    world, one = make(env.FootstepWorld, 2, noise=True, cores=1), np.array([1])
+    world, one = make(env.FootstepWorld, 2, noise=True, cores=1), [1]
     world.reset(np.arange(2), goals=[[0.0, 0.0, 0.0]] * 2)
     world.look(one)
     neutral = world.neutral_action[None]
@@ -628,7 +637,6 @@ CHANGES = {  # a student's first change of a number, in both simulators
     "the walk": {"walk": {"foot_rise": 0.03}},
     "a slower walk": {"walk": {"half_ticks": 35}},
     "a limit": {"limits": env.StepLimits((-0.1, -0.04, -0.3), (0.1, 0.1, 0.4))},
-    "the noise": {"task": replace(TASK, noise_m=0.1)},
     "the spread": {"spread": env.Spread(mass=0.3, delay=0)},
 }
 
@@ -652,14 +660,15 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     (env.Spread, {"mass": 1.0}), (env.Spread, {"delay": 2}), (env.Spread, {"gyro": math.nan}),
     (env.Task, {"time_limit": 0.0}),
     (partial(replace, walk_engine.TUNED["mujoco"]), {"half_ticks": 0}),
-    (robot_model.RobotModel, {"torque_limit": (1.0, math.nan)}), (partial(replace, ROBOT.foot), {"mass": 0.0}),
+    (robot_model.RobotModel, {"torque_limit": (1.0, math.nan)}),
+    (partial(replace, ROBOT.foot), {"mass": 0.0}),
+    (partial(replace, ROBOT.foot), {"com": (0, math.nan, 0)}),
     (env.FootstepWorld, {"num_robots": 0}), (env.FootstepEnv, {"sim": "bullet"}),
     (env.FootstepEnv, {"push": math.nan}),
 ], ids=str)  # fmt: skip
 def test_impossible_numbers_are_one_line(kind, wrong):
-    with pytest.raises(ValueError) as caught:
+    with pytest.raises(ValueError, match=r"\A.+\Z"):
         kind(**wrong)
-    assert len(str(caught.value).splitlines()) == 1
 
 
 def test_a_misspelt_setting_or_option_is_an_error(make):
@@ -690,7 +699,7 @@ IN, OUT, FALL = "inside", "outside", "falls, inside"
     ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value),
 )
 def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
-    world, robots = make(env.FootstepWorld, 3, cores=1), np.array([2, 0])
+    world, robots = make(env.FootstepWorld, 3, cores=1), [2, 0]
     # It starts at its goal, which does not count as having been there.
     poses = {IN: [0, 0, 0], OUT: [0.2, 0, 0], FALL: [0, 0, 0]}
     for repeat in range(2):  # the second time: nothing is left of the first episode
@@ -723,7 +732,6 @@ def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
         (0.051, 0, False, ""),
         (0.0, 10.1, False, ""),
         (0.0, -10.1, False, ""),
-        (0.0, 180, False, ""),
         (0.0, 0, True, "fall"),
     ],
 )
@@ -756,7 +764,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     second = [away, away, goal, goal, goal]
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    envs.world.steps[:] = whole - np.array([3, 2, 2, 2, 2])
+    envs.world.steps[:] = np.subtract(whole, [3, 2, 2, 2, 2])
     for poses, fell in ((first, np.zeros(5, bool)), (second, want == "fall")):
         monkeypatch.setattr(envs.world.simulator, "run", lambda *_, m=motion(poses, fell), **__: m)
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
@@ -768,7 +776,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
         equal(infos["final_info"][name], want == name)
     counted = whole - np.isin(want, ("", "success"))
     close(infos["final_info"]["time"], counted * envs.world.engine.period)
-    assert infos["final_obs"][1, 0] == pytest.approx(1.0), "one metre was left"
+    close(infos["final_obs"][1, 0], 1.0, "one metre was left")
     equal(envs.world.steps, [whole - 1, 0, 0, 0, 0])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import torch
 from checks import close, equal
+from numpy.random import default_rng
 
 ppo = import_module("04_ppo")
 env, robot_model = ppo.env, ppo.robot_model
@@ -49,7 +50,7 @@ def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
 
 @pytest.mark.parametrize("lam", [0.0, 0.95, 1.0])
 def test_gae_equals_the_double_sum(lam):
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     steps, robots, gamma = 30, 5, 0.9
     r, v, v_next = rng.normal(size=(3, steps, robots))
     terminated, truncated = rng.random((2, steps, robots)) < 0.15
@@ -92,7 +93,7 @@ def test_gae_never_looks_at_the_value_behind_a_fall():
     fall = torch.ones(1, 1, dtype=torch.bool)
     advantage = ppo.gae(one, one, one * torch.nan, fall, ~fall, 0.9, 0.95).item()
     assert not math.isnan(advantage), "0·nan is nan: select with torch.where instead of multiplying"
-    assert advantage == pytest.approx(0), "a fall at once, r = 1 and V(s) = 1: A = r − V(s) = 0"
+    close(advantage, 0, "a fall at once, r = 1 and V(s) = 1: A = r − V(s) = 0")
 
 
 def test_clipped_objective_truth_table():
@@ -124,8 +125,10 @@ def test_clipped_objective_truth_table():
         [2, 0, 2, -2, -2, 0],
         "the gradient is A, but 0 for A > 0 beyond 1 + ε and for A < 0 below 1 − ε",
     )
-    assert ppo.clipped_objective(ratio[1], advantage[1], 0.1).item() == pytest.approx(2.2), (
-        "ε is the argument `clip`, not always 0.2"
+    close(
+        ppo.clipped_objective(ratio[1], advantage[1], 0.1).item(),
+        2.2,
+        "ε is the argument `clip`, not always 0.2",
     )
 
 
@@ -171,7 +174,7 @@ def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
 
 
 def test_joint_log_prob_is_that_of_independent_numbers():
-    x = np.random.default_rng(0).uniform(0.05, 0.95, (100, 2))
+    x = default_rng(0).uniform(0.05, 0.95, (100, 2))
     first = density(model_with([2.0], [4.0]), x[:, :1])
     second = density(model_with([3.0], [1.5]), x[:, 1:])
     close(
@@ -192,23 +195,25 @@ def test_the_decision_is_the_mean(alpha, beta):
 
 
 def test_first_policy_is_around_first_action():
-    obs = torch.tensor(np.random.default_rng(0).normal(size=(100, 4)), dtype=torch.float32)
+    obs = default_rng(0).normal(size=(100, 4)).astype(np.float32)
+    torch.manual_seed(0)
     for first in 0.3, [0.2, 0.5, 0.8]:  # one number for all of an action, or a number each
-        for concentration in (3.0, 10.0, 50.0):
+        for concentration in (10.0, 3.0, 50.0):
             model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
             with torch.no_grad():
-                pi = model.policy(obs)
-            hint = (
-                "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last weights "
-                f"small (for first_action = {first})"
-            )
-            close(
-                pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02 + 0.2 / concentration**2
-            )
+                pi = model.policy(torch.tensor(obs))
             # Var = m·(1 − m) / (α + β + 1) at the mean m
             total = pi.mean * (1 - pi.mean) / pi.variance - 1
             hint = "α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"
             close(total, concentration, hint, rtol=0.05)
+            if concentration == 10:
+                decided = model.decide(obs)
+                assert decided.shape == (100, 3) and decided.dtype == np.float32
+                hint = (
+                    "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last "
+                    f"weights small (for first_action = {first})"
+                )
+                close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
     corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
     assert torch.isfinite(corner.actor[-1].bias).all(), (
         "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
@@ -258,7 +263,7 @@ class Probe(gym.vector.VectorEnv):
         self.single_action_space = gym.spaces.Box(0, 1, (1,))
 
     def reset(self, seed=None, options=None):
-        self.rng = np.random.default_rng(seed)
+        self.rng = default_rng(seed)
         self.obs = self.first(self.rng, self.num_envs)
         return self.obs, {}
 
@@ -305,8 +310,11 @@ def value(model, obs):
 
 def test_constant_reward_is_learned_as_the_value(tmp_path):
     model, _ = learn(zero, constant, tmp_path)
-    assert value(model, 0) == pytest.approx(1.0, abs=0.1), (
-        "one step, reward 1, then a fall: V = 1. The critic does not learn, or looks behind a fall"
+    close(
+        value(model, 0),
+        1.0,
+        "one step, reward 1, then a fall: V = 1. The critic does not learn, or looks behind a fall",
+        atol=0.1,
     )
 
 
@@ -316,8 +324,8 @@ def test_reward_two_steps_ahead_is_discounted_once(tmp_path):
         return np.ones_like(obs), end.astype(float), end, np.zeros(len(obs), bool)
 
     model, _ = learn(zero, play, tmp_path)
-    assert value(model, 1) == pytest.approx(1.0, abs=0.1)
-    assert value(model, 0) == pytest.approx(0.5, abs=0.1), "V(0) = γ·V(1) with γ = 0.5"
+    close(value(model, 1), 1.0, atol=0.1)
+    close(value(model, 0), 0.5, "V(0) = γ·V(1) with γ = 0.5", atol=0.1)
 
 
 def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_path):
@@ -326,15 +334,18 @@ def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_pa
         return np.ones_like(obs), fall.astype(float), fall, ~fall
 
     v = value(learn(either, play, tmp_path)[0], 0)
-    assert v == pytest.approx(0.5, abs=0.07), (
-        f"V(0) = {v:.2f}, not 0.50. 0.00: as after a fall; 0.33: V of the NEXT episode's first one"
+    close(
+        v,
+        0.5,
+        f"V(0) = {v:.2f}, not 0.50. 0.00: as after a fall; 0.33: V of the NEXT episode's first one",
+        atol=0.07,
     )
 
 
 def test_action_goes_to_the_target_of_its_observation(tmp_path):
     play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
     model, _ = learn(either, play, tmp_path)
-    best = model.decide(np.array([[0.0], [1.0]]))[:, 0]
+    best = model.decide([[0.0], [1.0]])[:, 0]
     close(
         best,
         [0.25, 0.75],
@@ -345,9 +356,8 @@ def test_action_goes_to_the_target_of_its_observation(tmp_path):
 
 
 def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
-    with pytest.raises(robot_model.InputError, match="not finite") as caught:
+    with pytest.raises(robot_model.InputError, match=r"\A.*not finite.*\Z"):
         learn(zero, paid(lambda obs, action: math.nan * obs), tmp_path, updates=2)
-    assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
 
 
@@ -444,10 +454,13 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
     assert want["approx_kl"] > 0.005 and want["clip_fraction"] > 0.1, "the test must move a lot"
     assert got.keys() == want.keys()
     for name, number in want.items():
-        assert got[name] == pytest.approx(number.item(), rel=1e-3), (
+        close(
+            got[name],
+            number.item(),
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
             "step with π_old on all samples; explained variance and entropy are those of the model "
-            "that acted; is `judge` called more than once?"
+            "that acted; is `judge` called more than once?",
+            rtol=1e-3,
         )
 
 
@@ -537,6 +550,20 @@ def test_advantages_are_normalised():
     ):
         apart = (updated(scale, shift) - plain).norm() / (plain - start).norm()
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
+
+
+def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
+    class Neutral(Probe):
+        neutral_action = [0.3]
+
+    cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0, sharpest=1.0)
+    for world, first in ((Neutral, 0.3), (Probe, 0.5)):  # the neutral action, or else the middle
+        model, _ = ppo.train(cfg, partial(world, first=zero, play=constant), tmp_path, 1)
+        with torch.no_grad():
+            pi = model.policy(torch.zeros(1, 1))
+        close(pi.mode, [[first]], atol=0.01)
+        close(pi.mean * (1 - pi.mean) / pi.variance, [[51.0]], "α + β + 1", rtol=0.02)
+        assert model.shape["hidden"] == (8,)
 
 
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
@@ -629,7 +656,7 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     start, tenth, end = (ppo.load_policy(tmp_path / name) for name in names)
     k = 1 + (QUICK.sharpest - 1) / 10
     for (model, about), sharpness in ((start, 1.0), (tenth, k), (end, QUICK.sharpest)):
-        assert model.sharpness == pytest.approx(sharpness), "k of that moment decides the mean"
+        close(model.sharpness, sharpness, "k of that moment decides the mean")
         assert about.items() >= {"fits": FITS, "seed": 0, "steps": 20 * 64, "noise": False}.items()
     assert end[1]["minutes"] > 0 and end[1]["config"]["gamma"] == QUICK.gamma
     assert same(end[0], last) and not same(start[0], tenth[0])
@@ -663,9 +690,8 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
     monkeypatch.setattr(Probe, "close_extras", closed)
 
     def refused(said, cfg=QUICK, seed=3, total_steps=7 * 64, **about):
-        with pytest.raises(robot_model.InputError, match=said) as caught:
+        with pytest.raises(robot_model.InputError, match=rf"\A.*{said}.*\Z"):
             ppo.train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
-        assert len(str(caught.value).splitlines()) == 1
 
     refused("checkpoint.pt: No such file")
     stopped(tmp_path, 3, fits=FITS)
@@ -717,17 +743,16 @@ class Foreign:
     lambda path, good: torch.save([1, 2], path),
     lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
     lambda path, good: torch.save({**ppo.plain(ppo.ActorCritic(5, 2), META), "hidden": (8,)}, path),
-    lambda path, good: path.write_bytes(good.replace(b"data/0", b"data/9")),
+    lambda path, good: path.write_bytes(good[:9000] + b"weight" + good[9006:]),
 ], ids=["missing", "but for its end", "text", "code", "class", "list", "no weights",
-        "other networks", "damaged"])  # fmt: skip
+        "other networks", "other weights"])  # fmt: skip
 def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "bad.pt"
     ppo.save_plain(path, ppo.plain(ppo.ActorCritic(5, 2), META))
     damage(path, path.read_bytes())
-    said = r"bad\.pt: (No such file|damaged, or not|.*networks)"
-    with pytest.raises(robot_model.InputError, match=said) as caught:
+    said = r"\A.*bad\.pt: (No such file|damaged, or not|.*networks).*\Z"
+    with pytest.raises(robot_model.InputError, match=said):
         ppo.load_policy(path)
-    assert len(str(caught.value).splitlines()) == 1
     assert not (tmp_path / "touched").exists(), "reading a file ran code from inside it"
 
 

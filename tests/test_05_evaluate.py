@@ -69,12 +69,14 @@ def test_speed_far_away_is_on_the_edge_of_the_diamond():
     for beta in np.linspace(-np.pi, np.pi, 50):
         v_x, v_y, _ = command(3 * math.cos(beta), 3 * math.sin(beta))
         edge = abs(v_x) / (0.12 if v_x > 0 else 0.06) + abs(v_y) / 0.07
-        assert edge == pytest.approx(1), (
+        close(
+            edge,
+            1,
             "|v_x| / x_max + |v_y| / y_max = 1: above 1 each axis is limited on its own (a box) or "
-            "the limit is round (an ellipse); between the axes it is a straight line"
+            "the limit is round (an ellipse); between the axes it is a straight line",
         )
         turned_by = env.wrap(math.atan2(v_y, v_x) - beta)
-        assert turned_by == pytest.approx(0, abs=1e-6), "limiting must not change the direction"
+        close(turned_by, 0, "limiting must not change the direction", atol=1e-6)
 
 
 def test_speed_near_the_goal_is_gain_times_distance():
@@ -86,14 +88,14 @@ def test_speed_near_the_goal_is_gain_times_distance():
 
 
 def test_far_away_it_faces_the_goal_and_nearby_it_turns_like_the_goal():
-    assert command(0, 1.01, 0.2)[2] == pytest.approx(0.3), "far: 0.3·β, limited; left: positive"
-    assert command(1.01, 0, 0.5)[2] == pytest.approx(0), "far: the goal is straight ahead"
-    assert command(1.01, -0.1, 0.5)[2] == pytest.approx(-0.3 * math.atan2(0.1, 1.01)), "far: 0.3·β"
-    assert command(0, 0.99, 0.5)[2] == pytest.approx(0.15), "near: turn to α = 0.5 rad, gain 0.3"
-    assert command(0.1, 0, 3)[2] == pytest.approx(0.3), "near: limited to 0.3 rad/s"
-    assert command(0.1, 0, -3)[2] == pytest.approx(-0.3), "the limit holds to both sides"
+    close(command(0, 1.01, 0.2)[2], 0.3, "far: 0.3·β, limited; left: positive")
+    close(command(1.01, 0, 0.5)[2], 0, "far: the goal is straight ahead")
+    close(command(1.01, -0.1, 0.5)[2], -0.3 * math.atan2(0.1, 1.01), "far: 0.3·β")
+    close(command(0, 0.99, 0.5)[2], 0.15, "near: turn to α = 0.5 rad, gain 0.3")
+    close(command(0.1, 0, 3)[2], 0.3, "near: limited to 0.3 rad/s")
+    close(command(0.1, 0, -3)[2], -0.3, "the limit holds to both sides")
     around = command(0.1, 0, math.radians(350))[2]
-    assert around == pytest.approx(0.3 * math.radians(-10)), "350° to the left are 10° to the right"
+    close(around, 0.3 * math.radians(-10), "350° to the left are 10° to the right")
 
 
 def test_speed_and_turning_follow_the_settings():
@@ -108,9 +110,9 @@ def test_speed_and_turning_follow_the_settings():
             f"{hint} (for a goal at ({x}, {y}))",
             atol=1e-6,
         )
-    assert command(0, 5, settings=OTHER)[2] == pytest.approx(0.8), "far: 0.8 rad/s to the left"
-    assert command(0.3, 0, 0.2, OTHER)[2] == pytest.approx(0.4), "near: 2·α; " + hint
-    assert command(0.5, 0, 0.2, OTHER)[2] == pytest.approx(0), "far begins at far_m = 0.4 m"
+    close(command(0, 5, settings=OTHER)[2], 0.8, "far: 0.8 rad/s to the left")
+    close(command(0.3, 0, 0.2, OTHER)[2], 0.4, "near: 2·α; " + hint)
+    close(command(0.5, 0, 0.2, OTHER)[2], 0, "far begins at far_m = 0.4 m")
 
 
 def test_speed_of_many_goals_is_that_of_each():
@@ -168,7 +170,7 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
         )
     )
     planner.reset(2)
-    goals = np.array([[0, 0.19, 0.5], [0, -0.095, -1.0]])  # the way within a second
+    goals = [[0, 0.19, 0.5], [0, -0.095, -1.0]]  # the way within a second
     actions = planner.act(view(goals, [0, 1], period=1.0, limits=limits))
     steps = env.to_footsteps(actions, limits)
     close(
@@ -181,7 +183,7 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
 
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, velocities = evaluate.BaselinePlanner(), []
-    ahead, aside = np.array([[5.0, 0.0, 0.0]]), np.array([[0.0, 5.0, 0.0]])
+    ahead, aside = [[5.0, 0.0, 0.0]], [[0.0, 5.0, 0.0]]
     for goals in ([ahead, aside], [aside]):  # of two trials
         planner.reset(2)
         for goal in goals:
@@ -201,12 +203,12 @@ def test_only_the_first_command_of_a_trial_is_not_filtered():
 
 def test_wilson_interval():
     hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
-    assert evaluate.wilson(5, 10) == pytest.approx([0.2366, 0.7634], abs=1e-4), hint
-    assert evaluate.wilson(490, 500) == pytest.approx([0.9636, 0.9891], abs=1e-4), hint
-    assert evaluate.wilson(5, 10, 1.0)[0] == pytest.approx(0.3492, abs=1e-4), "z is an argument"
+    close(evaluate.wilson(5, 10), [0.2366, 0.7634], hint, atol=1e-4)
+    close(evaluate.wilson(490, 500), [0.9636, 0.9891], hint, atol=1e-4)
+    close(evaluate.wilson(5, 10, 1.0)[0], 0.3492, "z is an argument", atol=1e-4)
     low, high = evaluate.wilson(500, 500)
     assert high == pytest.approx(1) and 0.99 < low < 1, "500 of 500 does not prove 100 %"
-    assert evaluate.wilson(0, 500) == pytest.approx([1 - high, 1 - low]), "not symmetric"
+    close(evaluate.wilson(0, 500), [1 - high, 1 - low], "not symmetric")
 
 
 def trials(outcomes, times, still_there=None):
@@ -234,18 +236,18 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     theirs = trials(["success", "success", "success", "fall"], [10, 20, 100, 1])
     row = evaluate.time_ratio(ours, theirs)
     assert row["goals"] == 2, "goals that both reached: a fall's time is none of a fast success"
-    assert row["time_ratio"] == pytest.approx(0.5), "mean time / mean time of the reference"
-    assert [*row["time_ratio_ci95"]] == pytest.approx([0.5, 0.5]), (
-        "paired: a goal's difficulty cancels out, resample goals, not times"
+    close(row["time_ratio"], 0.5, "mean time / mean time of the reference")
+    close(
+        [*row["time_ratio_ci95"]],
+        [0.5, 0.5],
+        "paired: a goal's difficulty cancels out, resample goals, not times",
     )
     far_ones = evaluate.time_ratio(
         trials(["success"] * 3, [5, 30, 40]), trials(["success"] * 3, [10, 20, 40])
     )
-    assert far_ones["time_ratio"] == pytest.approx(75 / 70), (
-        "a ratio of the means, not a mean of the ratios"
-    )
-    assert far_ones["median"] == pytest.approx(1), "of the ratios goal by goal: 0.5, 1.5 and 1"
-    assert far_ones["slower"] == pytest.approx(1 / 3), "longer than the reference, not as long"
+    close(far_ones["time_ratio"], 75 / 70, "a ratio of the means, not a mean of the ratios")
+    close(far_ones["median"], 1, "of the ratios goal by goal: 0.5, 1.5 and 1")
+    close(far_ones["slower"], 1 / 3, "longer than the reference, not as long")
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
 
@@ -269,9 +271,12 @@ def test_time_ratio_s_interval_covers_the_truth():
 def test_time_ratio_s_bootstrap_is_that_of_theory():
     sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
     low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
-    assert (low + high) / 2 == pytest.approx(sample.mean(), abs=0.03)
-    assert high - low == pytest.approx(2 * 1.96 * sample.std() / 20, rel=0.07), (
-        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are"
+    close((low + high) / 2, sample.mean(), atol=0.03)
+    close(
+        high - low,
+        2 * 1.96 * sample.std() / 20,
+        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are",
+        rtol=0.07,
     )
     assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
         "what belongs together is drawn together"
@@ -285,7 +290,7 @@ def test_summary_counts_episodes_and_times_successes():
     assert row["still_there"] == 0.5, "a share of the successes, not of the episodes"
     assert row["reached_once"] == 0.75, "by the paper's rule: at the goal after one double step"
     assert row["time_once_mean"] == 6, "(4 + 6 + 8) / 3 s, of all who were there once"
-    assert row["time_once_std"] == pytest.approx(math.sqrt(8 / 3), abs=1e-3)
+    close(row["time_once_std"], math.sqrt(8 / 3), atol=1e-3)
 
 
 def test_summary_without_a_success_is_valid_json():
@@ -436,7 +441,7 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
 
 def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
-    world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), np.array([0.3, -0.2, 0.5])
+    world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), [0.3, -0.2, 0.5]
 
     def run(robots, trajectory):
         torso = trajectory.trunk[:, 1:].copy()
@@ -453,6 +458,12 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     assert (walk["torso"].shape, walk["joints"].shape) == ((ticks, 6), (ticks, 12))
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     close(walk["feet"][-1], planned, "x, y of the ankle's projection, yaw", atol=1e-6)
+
+
+def test_a_policy_sees_the_rows_it_was_trained_with():
+    model, seen = ppo.ActorCritic(25, 6), np.ones((1, 25), np.float32)
+    found = evaluate.PolicyPlanner(model).act(view(np.zeros((1, 3)), observation=seen))
+    equal(found, model.decide(seen), "with the IMU's, which are the last ones")
 
 
 def save_untrained(path, sim="pymunk", imu=False, steps=10, **settings):
@@ -495,7 +506,7 @@ def own_planner(path, line="pass"):
     """The file of a planner that steps on the spot and does something else before."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(PLANNER.format(line=line), encoding="utf-8")
+    path.write_text(PLANNER.format(line=line), "utf-8")
     return path
 
 
@@ -515,7 +526,7 @@ def short_trials(tmp_path, monkeypatch):
 def call(*arguments):
     """The script's main in this process; with evaluation.json and trials.csv in the folder out."""
     evaluate.main([*map(str, arguments), "--out", "out"])
-    return json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
+    return json.loads(Path("out/evaluation.json").read_text("utf-8"))
 
 
 def refused(*arguments):
@@ -647,6 +658,11 @@ def test_a_planner_that_ends_python_is_named(world, tmp_path, monkeypatch):
         evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
 
 
+def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(short_trials):
+    Path("beside.py").touch()
+    call("--planner", own_planner("tempfile.py", "import beside"), "--episodes", 1)
+
+
 def test_a_policy_of_nan_is_named(world):
     model = ppo.ActorCritic(20, 6)
     model.decide = lambda observation: np.full((len(observation), 6), math.nan)
@@ -670,7 +686,7 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.12,0,0\n")
     flags = "--goals goals.csv --friction 0.4 --policy results/pymunk/policy.pt".split()
     content = call(*flags, second, "--planner", mine)
-    table = Path("out/table.md").read_text(encoding="utf-8")
+    table = Path("out/table.md").read_text("utf-8")
     assert table in capsys.readouterr().out
     assert "paper" not in table, "the paper's rows are about its goals, not about yours"
     names = ["baseline", "baseline_tuned", "mine"]
@@ -684,7 +700,7 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]
     rows = [(row["planner"], row["noise"]) for row in content["rows"]]
     assert rows == [(name, False) for name in names]
-    _, *lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()
+    _, *lines = Path("out/trials.csv").read_text("utf-8").splitlines()
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     assert lines[0] == f"policy,no,,0,0,0.0,0.0,0.0,0.4,success,{once},2,yes,yes,{once}"
     assert lines[5] == f"mine,no,,0,1,0.12,0.0,0.0,0.4,timeout,{late},3,no,yes,{once}"
@@ -704,7 +720,7 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
     names = ["policy", "baseline_tuned", "baseline"]
     assert rows == [*itertools.product((0.5, 1.0), (False, True), names)], "far: a block of its own"
     assert [content[name] for name in ("seed", "friction", "push")] == [6, 0.4, 0.3]
-    lines = Path("out/trials.csv").read_text(encoding="utf-8").splitlines()[1:]
+    lines = Path("out/trials.csv").read_text("utf-8").splitlines()[1:]
     assert len(lines) == 24
     assert {(line.split(",")[3], line.split(",")[8]) for line in lines} == {("6", "0.4")}
 
@@ -720,7 +736,7 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
     changed = (np.abs(np.diff(frames, axis=0)).max(-1) > 60).mean((1, 2))
     (moved,) = np.nonzero(changed > 0.001)  # less is dithering
     walk = sum(seconds[: moved[-1] + 1])
-    assert walk == pytest.approx(1.5 * PERIOD, abs=0.15), "three double steps, twice as fast"
+    close(walk, 1.5 * PERIOD, "three double steps, twice as fast", atol=0.15)
     assert sum(seconds) > walk + 1, "the end stays for a while"
 
 

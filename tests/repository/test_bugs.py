@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 BUGS = ROOT / "tests" / "exercises" / "bugs"
-BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text(encoding="utf-8")
+BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text("utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
 PATCHES = sorted(path.stem for path in BUGS.glob("*.patch"))
 STAGES = sorted(path.stem for path in ROOT.glob("0*.py"))
@@ -68,7 +68,7 @@ def test_patch_applies_changes_little_in_one_stage_and_has_a_whole_page(name, tm
         shutil.copy(path, tmp_path)
     apply(name, tmp_path)
     before, after = (
-        {path.name: path.read_text(encoding="utf-8") for path in folder.glob("0*.py")}
+        {path.name: path.read_text("utf-8") for path in folder.glob("0*.py")}
         for folder in (ROOT, tmp_path)
     )
     (changed,) = (file for file in before if after[file] != before[file])
@@ -126,7 +126,7 @@ def test_angles_are_wrapped():
     [("stubborn", 0, "fails with stubborn: well done"), ("tired", 1, "With tired it must fail")],
 )
 def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, code, says):
-    (tmp_path / "mine.py").write_text(STUDENT_S_TEST, encoding="utf-8")
+    (tmp_path / "mine.py").write_text(STUDENT_S_TEST, "utf-8")
     script = str(ROOT / "tests" / "exercises" / "debug.py")
     got, said = run(sys.executable, script, "mine.py", bug, folder=tmp_path)
     assert got == code and says in said, said

@@ -1,5 +1,6 @@
 """Hard to break: bodies, consoles and ends of a process that nobody would wish for."""
 
+import io
 import multiprocessing
 import os
 import signal
@@ -10,17 +11,16 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ROOT = Path(__file__).resolve().parents[2]
-EXTREME = {
-    "no friction": {"friction": 0.0},
-    "no motors": {"torque_limit": (0.1,) * 6},
-}
+EXTREME = {"no friction": {"friction": 0.0}, "no motors": {"torque_limit": (0.1,) * 6}}
 
 
 @pytest.mark.filterwarnings("error")
@@ -65,6 +65,25 @@ def children_since(before):
     return [child for child in multiprocessing.active_children() if child not in before]
 
 
+@pytest.mark.parametrize("console", [io.TextIOWrapper(io.BytesIO(), "ascii"), None])
+def test_any_console_is_enough(monkeypatch, console):
+    """A pipe on Windows has few letters; pythonw has neither stdout nor stderr."""
+    monkeypatch.setattr(sys, "stdout", console)
+    monkeypatch.setattr(sys, "stderr", console)
+    robot_model.start(lambda: print("α ± μ", tqdm([1]), flush=True))
+    assert not console or b"? ? ?" in console.buffer.getvalue()
+
+
+def test_a_stage_leaves_the_figures_of_a_notebook_alone():
+    code = """
+import os, matplotlib
+matplotlib.use("svg")
+__import__("01_robot_model")
+assert matplotlib.get_backend() == "svg"
+"""
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=True)
+
+
 def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed():
     before = multiprocessing.active_children()
     envs = env.FootstepVectorEnv(2, cores=2)
@@ -80,24 +99,26 @@ def test_processes_of_the_simulator_survive_ctrl_c_and_end_when_closed():
         envs.step(np.full((2, 6), 0.5))
 
 
+SERVER = """
+import multiprocessing, threading, time
+from importlib import import_module
+env = import_module("03_env")
+def make():
+    world = env.FootstepWorld(2, cores=2)
+    print(*[child.pid for child in multiprocessing.active_children()], flush=True)
+    time.sleep(60)
+if __name__ == "__main__":
+    thread = threading.Thread(target=make)
+    thread.start()
+    thread.join()
+"""
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
 def test_no_process_of_the_simulator_outlives_a_killed_parent(tmp_path):
     """Also made in a thread, as by a server."""
     script = tmp_path / "mine.py"
-    script.write_text(
-        "import multiprocessing, threading, time\n"
-        "from importlib import import_module\n"
-        "env = import_module('03_env')\n"
-        "def make():\n"
-        "    world = env.FootstepWorld(2, cores=2)\n"
-        "    pids = [child.pid for child in multiprocessing.active_children()]\n"
-        "    print(*pids, flush=True)\n"
-        "    time.sleep(60)\n"
-        "if __name__ == '__main__':\n"
-        "    thread = threading.Thread(target=make)\n"
-        "    thread.start()\n"
-        "    thread.join()\n"
-    )
+    script.write_text(SERVER, "utf-8")
     with subprocess.Popen(
         [sys.executable, script],
         stdout=subprocess.PIPE,
@@ -129,3 +150,22 @@ def test_who_stops_reading_gets_no_traceback():
 
 
 READ_ON = "import importlib as i; i.import_module('01_robot_model').start(lambda: [print(k) for k in range(10**5)])"
+
+
+def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
+    """Each has temporary files of its own; test_04_ppo has a training that is killed."""
+    path = tmp_path / "policy.pt"
+
+    def first(temporary):
+        temporary.write_text("first")
+        with mock.patch("os.getpid", return_value=-1):  # another process, meanwhile
+            robot_model.atomic_write(path, lambda other: other.write_text("second"))
+
+    robot_model.atomic_write(path, first)
+    assert path.read_text() == "first", "who is last wins, and the file is whole"
+
+
+def test_a_user_s_settings_of_matplotlib_do_not_rule_the_figures():
+    with robot_model.plt.rc_context({"text.usetex": True}):
+        robot_model.start(lambda: None)
+        assert not robot_model.plt.rcParams["text.usetex"]

@@ -10,7 +10,7 @@ from workbook import BOOK  # of tests/exercises
 
 TESTS = Path(__file__).resolve().parents[1]
 PAGES = ("course.md", "debug.md", "ledger.md", "predict.md", "projects.md")
-TEXT = {page: (TESTS / "exercises" / page).read_text(encoding="utf-8") for page in PAGES}
+TEXT = {page: (TESTS / "exercises" / page).read_text("utf-8") for page in PAGES}
 STAGES = {path.stem[:2]: path.stem for path in TESTS.parent.glob("0*.py")}
 STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark")
 HEADING = re.compile(r"^## (\w+):", re.MULTILINE)  # "## lean: At which lean …"
@@ -31,7 +31,7 @@ def exists(place, path):
         return name in EXERCISES[place]
     if place.startswith("test_"):
         files = TESTS.rglob(f"{place}.py")
-        return any(f"def test_{name}" in file.read_text(encoding="utf-8") for file in files)
+        return any(f"def test_{name}" in file.read_text("utf-8") for file in files)
     module = STAGES.get(place, place)
     if find_spec(module) is None:
         return False

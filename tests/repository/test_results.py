@@ -15,6 +15,7 @@ import judge
 import numpy as np
 import PIL.Image
 import pytest
+from checks import close, equal
 from test_scripts import check_picture
 
 evaluate = import_module("05_evaluate")
@@ -27,7 +28,7 @@ LONGEST = {
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
 }
-TEXTS = {page: (ROOT / page).read_text(encoding="utf-8") for page in LONGEST}
+TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
 EVERY_SIM = pytest.mark.parametrize("sim", ("pymunk", "mujoco"))
 
@@ -81,7 +82,7 @@ def test_the_world_is_told_as_it_is():
 # ------------------------------------------------------------------------ pages
 def test_pages_have_the_tables_and_sentences_of_the_files():
     for path, text in common.pages().items():
-        assert path.read_text(encoding="utf-8") == text, (
+        assert path.read_text("utf-8") == text, (
             f"{path.relative_to(ROOT)} has old numbers: run python tests/studies/common.py"
         )
 
@@ -99,7 +100,7 @@ def test_pages_are_short_and_their_links_work(page):
 
 def test_the_planner_of_readme_gets_there(tmp_path):
     file = tmp_path / "mine.py"
-    file.write_text(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], encoding="utf-8")
+    file.write_text(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], "utf-8")
     ended = ends(evaluate.load_planner(file), evaluate.draw_trials(1, 6))
     assert (ended["outcome"] == "success").sum() >= 5, "an example should work"
 
@@ -109,7 +110,7 @@ def test_the_planner_of_readme_gets_there(tmp_path):
 def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     evaluation = shipped(sim, "evaluation.json")
     rows = {(row["planner"], row["noise"], row["goal_std_m"]): row for row in evaluation["rows"]}
-    table = (RESULTS / sim / "table.md").read_text(encoding="utf-8")
+    table = (RESULTS / sim / "table.md").read_text("utf-8")
     assert table == evaluate.table(evaluation["rows"], evaluation["ratios"])
     assert evaluation["goals"] == evaluation["friction"] == "drawn" and evaluation["sim"] == sim
     names = "policy", "baseline", "baseline_tuned", "search", "expert"
@@ -118,7 +119,9 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     assert all(row["episodes"] >= 500 for row in rows.values())
     for kind in kinds:
         policy, paper, tuned, *_ = (rows[name, *kind] for name in names)
-        assert policy["success"] >= 0.98, "the paper's"
+        assert policy["success"] >= float(evaluate.PAPER["policy", False].split(" | ")[0]), kind
+        if sim == "mujoco":  # on the plane, with noise, the baseline stays more often
+            assert policy["still_there"] >= paper["still_there"] - 0.02, "it leaves, others stay"
         assert policy["time_mean"] < min(paper["time_mean"], tuned["time_mean"])
 
 
@@ -142,9 +145,9 @@ def test_all_planners_had_the_same_goals_and_ground(sim):
         count = len(own["x"])
         drawn = evaluate.draw_trials(seed, count, std == env.Task.far_std_m)
         goals = np.column_stack([own[name] for name in ("x", "y", "yaw")])
-        np.testing.assert_allclose(goals, drawn.goals, atol=1e-12)
+        close(goals, drawn.goals)
         assert own["trial"].tolist() == [*range(count)] and (own["seed"] == seed).all()
-        np.testing.assert_array_equal(own["mu"], runs["policy", False, 0.5]["mu"])
+        equal(own["mu"], runs["policy", False, 0.5]["mu"])
 
 
 @EVERY_SIM
@@ -154,7 +157,7 @@ def test_lines_of_the_shipped_trials_can_be_repeated(sim):
     ended = ends(common.policy(RESULTS / sim / "policy.pt", sim), trials, sim, noise=True)
     want = shipped_trials(sim)["policy", True, 0.5]
     assert ended["outcome"].tolist() == want["outcome"][:2].tolist()
-    np.testing.assert_allclose(ended["friction"], want["mu"][:2])
+    close(ended["friction"], want["mu"][:2])
 
 
 # ------------------------------------------------------------------------ planners, figures
@@ -230,11 +233,11 @@ def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
 def test_the_leaderboard_ranks_all_files_of_a_folder(tmp_path):
     """A good planner, and one that raises: the other ones are ranked all the same."""
     planner = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
-    (tmp_path / "good.py").write_text(planner, encoding="utf-8")
-    (tmp_path / "bad.py").write_text("raise ValueError('of mine')", encoding="utf-8")
+    (tmp_path / "good.py").write_text(planner, "utf-8")
+    (tmp_path / "bad.py").write_text("raise ValueError('of mine')", "utf-8")
     command = [sys.executable, judge.__file__, tmp_path, "--episodes", "3", "--out", tmp_path]
     done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
     assert "of mine" in done.stderr and "bad is left out" in done.stderr
-    board = (tmp_path / "leaderboard.md").read_text(encoding="utf-8")
+    board = (tmp_path / "leaderboard.md").read_text("utf-8")
     assert set(re.findall(r"^\| `(\w+)` ", board, re.MULTILINE)) == {"good", *judge.FIELD}
     assert (tmp_path / "leaderboard.png").stat().st_size > 5000

@@ -74,7 +74,7 @@ def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files
         check_picture(path)
 
 
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+README = (ROOT / "README.md").read_text("utf-8")
 EXPERIMENTS = re.findall(r"\| `(0\d_\w+\.py)` \| `(.+?)` to `(.+?)` \| `python (.+?)` \|", README)
 
 
@@ -84,7 +84,7 @@ def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other
     """README's changes, in a copy: it walks, and a note says what differs."""
     for path in ROOT.glob("0*.py"):
         shutil.copy(path, tmp_path)
-    text = (tmp_path / script).read_text(encoding="utf-8")
+    text = (tmp_path / script).read_text("utf-8")
     assert text.count(number) == 1, f"{number} should stand once in {script}"
     name, value = re.fullmatch(r"(\w+).*=\s*([\d.]+)", number).groups()
     (tmp_path / script).write_text(text.replace(number, number.replace(value, other)), "utf-8")
@@ -127,9 +127,9 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     search = ROOT / "tests" / "studies" / "search.py"  # in the figure the policy would take 100 s
     flags = ["--noise", "--policy", policy, "--planner", search, "--goals", "goals.csv"]
     shown = run("05_evaluate.py", *flags, "--out", "out", folder=tmp_path).stdout
-    assert Path("out/table.md").read_text(encoding="utf-8") in shown
+    assert Path("out/table.md").read_text("utf-8") in shown
     check_picture("out/footsteps.png")
-    evaluation = json.loads(Path("out/evaluation.json").read_text(encoding="utf-8"))
+    evaluation = json.loads(Path("out/evaluation.json").read_text("utf-8"))
     assert evaluation["policy"]["file"] == policy.as_posix()
     assert [row["episodes"] for row in evaluation["rows"]] == [4] * 8
 
@@ -177,7 +177,7 @@ def flags():
 
 @pytest.mark.parametrize("page", [*STAGES, *PAGES])
 def test_commands_and_files_that_a_page_or_stage_names_exist(page, flags):
-    text = (ROOT / page).read_text(encoding="utf-8")
+    text = (ROOT / page).read_text("utf-8")
     commands = re.findall(r"(0\d_\w+\.py)([^`\n]*)", text)
     assert commands, f"{page} does not say how to run it"
     for name, told in commands:
@@ -215,7 +215,7 @@ def numbers(line):
     ids=str,
 )
 def test_predictions_show_what_their_commands_print(tmp_path, name, commands, tolerance):
-    page = (EXERCISES / "predict.md").read_text(encoding="utf-8")
+    page = (EXERCISES / "predict.md").read_text("utf-8")
     section = page.split(f"\n## {name}:")[1].split("\n## ")[0].split("What we measured")[1]
     told = re.findall(r"^    (.*)$", section, re.MULTILINE)
     printed = "".join(run(*command.split(), folder=tmp_path).stdout for command in commands)

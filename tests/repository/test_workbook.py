@@ -23,7 +23,7 @@ from workbook import BOOK
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "exercises"
-README = (FOLDER / "README.md").read_text(encoding="utf-8")
+README = (FOLDER / "README.md").read_text("utf-8")
 
 
 def run(*arguments, cwd=ROOT, **environment):
@@ -52,7 +52,7 @@ def last_words(done):
 
 
 def text_of(name):
-    return sheet.find(BOOK[name].file).read_text(encoding="utf-8")
+    return sheet.find(BOOK[name].file).read_text("utf-8")
 
 
 def test_readme_and_list_agree():
@@ -72,7 +72,7 @@ def test_readme_and_list_agree():
 
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
-        source = sheet.find(Path(file).stem).read_text(encoding="utf-8")
+        source = sheet.find(Path(file).stem).read_text("utf-8")
         tree = ast.parse(source)
         for row in (row for row in BOOK.values() if row.file == Path(file).stem):
             for function in row.functions:
@@ -125,7 +125,7 @@ def submission(folder, **bodies):
     folder.mkdir()
     for name, body in bodies.items():
         row, path = BOOK[name], folder / f"{BOOK[name].file}.py"
-        text = path.read_text(encoding="utf-8") if path.exists() else text_of(name)
+        text = path.read_text("utf-8") if path.exists() else text_of(name)
         text = (
             sheet.emptied(text, row)
             if body is None
@@ -150,7 +150,7 @@ def test_an_empty_sheet_can_be_graded(tmp_path):
 
 def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     folder = submission(tmp_path / "alice smith", wrap=None, compose="return base + pose")
-    (folder / "04_ppo.py").write_text("def gae(:\n", encoding="utf-8")
+    (folder / "04_ppo.py").write_text("def gae(:\n", "utf-8")
     done = grade("alice smith", "-k", "wrap or compose or low_pass or gae", cwd=tmp_path)
     words = last_words(done)
     assert done.returncode == 1 and "grading" in done.stdout and "01_robot_model.py" in done.stdout
@@ -168,7 +168,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
 
 def test_who_skips_or_exits_gets_no_stars_and_the_others_keep_theirs(tmp_path):
     folder = submission(tmp_path / "bob", compose='import pytest\npytest.skip("later")')
-    (folder / "05_evaluate.py").write_text("import sys\nsys.exit()\n", encoding="utf-8")
+    (folder / "05_evaluate.py").write_text("import sys\nsys.exit()\n", "utf-8")
     command = workbook.command('"wrap or compose or low_pass"', folder)  # as the sheets say it
     words = last_words(run(*shlex.split(command)[1:]))
     assert re.search(r"compose ★: 0 of \d tests pass", words), words
@@ -249,7 +249,7 @@ PLACE = {path.split(".")[-1]: (row, path) for row in BOOK.values() for path in r
 
 def solutions(file):
     """(function's node, its mistake, words of the grader) for all of right.py or of wrong.py."""
-    for node in ast.parse((FOLDER / "solutions" / file).read_text(encoding="utf-8")).body:
+    for node in ast.parse((FOLDER / "solutions" / file).read_text("utf-8")).body:
         if isinstance(node, ast.FunctionDef) and node.name in PLACE:
             marks = [[ast.literal_eval(text) for text in mark.args] for mark in node.decorator_list]
             node.decorator_list = []
