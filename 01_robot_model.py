@@ -158,8 +158,6 @@ class RobotModel(Checked):
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
     planar_iterations: int = 20  # [-] of its solver of forces; our choice, keeps joints together
     yaw_inertia: float = 0.05  # [kg m²] whole robot about the vertical; our estimate
-    yaw_stiffness: float = 45.0  # [N m/rad] hip yaw motor; our choice
-    yaw_damping: float = 3.0  # [N m s/rad] critical damping, 2·√(k·I) of the two values above
 
     above_zero = (
         "thigh_length",
@@ -312,7 +310,7 @@ def leg_inverse(robot, position, foot_turn):
     """
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p)
-    rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot_turn, -position), -1, 0)
+    rx, ry, rz = np.moveaxis((-position[..., None, :] @ foot_turn)[..., 0, :], -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive.
@@ -332,9 +330,8 @@ def leg_inverse(robot, position, foot_turn):
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
     #     | −cos roll·sin s       sin roll       cos roll·cos s |
-    # (einsum, because @ may round otherwise for another number of robots.)
     zero = np.zeros_like(ankle_roll)
-    M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
+    M = foot_turn @ rotation(-ankle_roll, zero, zero)
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitch = np.arctan2(-M[..., 2, 0], M[..., 2, 2]) - knee - ankle_pitch
@@ -360,7 +357,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     roll, pitch = trunk[..., None, 3], trunk[..., None, 4]  # [..., 1], the same for both feet
     lean = rotation(roll, pitch, 0 * roll)  # [..., 1, 3, 3]
     zero = np.zeros_like(height)
-    ankle = np.einsum("...ji,...j->...i", lean, ankle)
+    ankle = (ankle[..., None, :] @ lean)[..., 0, :]
     foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
@@ -559,20 +556,18 @@ class MujocoSim:
     def run(self, robots, trajectory):
         """Let these robots [n] follow their trajectory; returns their Motion."""
         robot = self.robot
-        targets = trajectory.joints  # [n, T + 1, 12]
+        # A tick's target is where the joint should be at its end. The servo gets it at the tick's
+        # beginning, on average 5 ms early. Back-EMF lets a moving joint lag behind by as much
+        # (damping / stiffness = 5.8 ms), so it is neither early nor late.
+        targets = trajectory.joints[:, 1:]  # [n, T, 12]
         start = state = self.state[robots]
-        # A tick's target is where the joint should be at its end. Back-EMF would make the motor lag
-        # behind a moving target, so it gets one that runs ahead (feedforward):
-        # target + rate·damping / stiffness
-        rate = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 12] [rad/s]
-        control = targets[:, 1:] + rate * np.tile(robot.damping / robot.stiffness, 2)
         models = [self.models[i] for i in robots]
-        ticks = rate.shape[1]
+        ticks = targets.shape[1]
         parts = []
         for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
             end = min(t + READ_EVERY, ticks)
             omega = state[:, self.OMEGA][:, :2]  # about x and y
-            now = control[:, t:end] + trajectory.feedback(robot, t, end, omega)
+            now = targets[:, t:end] + trajectory.feedback(robot, t, end, omega)
             late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
             self.control[robots] = now[:, -1]
             now = np.where(self.delay[robots, None, None], late, now)
@@ -625,11 +620,8 @@ class PymunkSim:
         pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Yaw ψ is a degree of freedom of its own: a spring with a slipping clutch (`run_yaw`). The
-    spring is the hip's yaw motor. It is twisted by the lag e, the commanded minus the true yaw; its
-    rate ė is the commanded minus the true yaw rate. The clutch is the sole on the ground: it slips
-    where the torque τ would exceed what friction can bear. If e reaches bound / k, it stays there.
-        I·ψ̈ = τ = clip(k·e + c·ė, ±bound)      I, k, c: yaw_inertia, yaw_stiffness, yaw_damping
+    Yaw ψ is a degree of freedom of its own: its rate follows the commanded one, as fast as the
+    torque that the hip's motor has and the sole's friction bears can change it (`run_yaw`).
     Sideways follows the command and cannot fall.
 
     Two simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
@@ -657,7 +649,6 @@ class PymunkSim:
         self.bodies = np.zeros((num_robots, 7, 6))
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
-        self.yaw_lag = np.zeros(num_robots)  # e [rad]
         self.lost = np.zeros(num_robots, bool)  # diverged
         self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
         self.body = Body(  # of all N robots: as the model
@@ -679,7 +670,6 @@ class PymunkSim:
         self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
         self.pose[robots] = 0
         self.yaw_rate[robots] = 0
-        self.yaw_lag[robots] = 0
         self.lost[robots] = False
         self.bodies[robots] = self._read(robots)
 
@@ -759,7 +749,7 @@ class PymunkSim:
         seen = self.run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
         trunk = trajectory.trunk[..., [0, 1, 5]]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
-        yaw = self.run_yaw(seen, wanted[..., 2], robots)  # [n, T + 1]
+        yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
         # The torso frame is below the centre of its body: (x, z) −= down·(−sin angle, cos angle)
         x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
         down = self.links[0].com[2]  # [m]
@@ -818,32 +808,23 @@ class PymunkSim:
         self.bodies[robots] = seen[:, -1]
         return seen
 
-    def run_yaw(self, seen, turn, robots):
-        """Yaw ψ [n, T + 1] from bodies seen [n, T + 1, 7, 6] and commanded turns [n, T] [rad]."""
+    def run_yaw(self, turn, robots):
+        """Yaw ψ [n, T + 1] for commanded turns [n, T] [rad] in the ticks."""
         robot = self.robot
         dt = robot.control_dt
-        k = robot.yaw_stiffness
-        c = robot.yaw_damping
-        # The ground's force, ahead and up: F_x = Σ mᵢ·ẍᵢ,  F = Σ mᵢ·(z̈ᵢ + g) ≥ 0  [n, T] [N]
-        change = np.diff(seen[..., 3:5], axis=1) / dt + [0, robot.gravity]  # [n, T, 7, 2]
         masses = self.body.mass[robots][:, self.MASS] * [link.mass for link in self.links]  # [n, 7]
-        ahead, up = np.einsum("nb,ntbk->knt", masses, change)  # summed over the bodies b
-        # bound = min(motor limit, r·√((μ·F)² − F_x²)): ahead and turning share the friction
-        grip = (self.body.friction[robots, None] * np.maximum(up, 0.0)) ** 2 - ahead**2
-        bounds = np.minimum(robot.torque_limit[0], self.sole_radius * np.sqrt(np.maximum(grip, 0)))
-        yaw = np.repeat(self.pose[robots, 2:], seen.shape[1], 1)
+        # torque ≤ min(motor limit, r·μ·m·g): the sole, on which the whole weight rests, would slip
+        grip = self.sole_radius * self.body.friction[robots] * masses.sum(1) * robot.gravity
+        torque = np.minimum(robot.torque_limit[0], grip)  # [n] [N m]
+        most = torque / robot.yaw_inertia * dt  # largest change of ψ̇ in a tick, as I·ψ̈ = torque
         rate = self.yaw_rate[robots]  # [n] ψ̇
-        lag = self.yaw_lag[robots]  # [n] e
-        for t, bound in enumerate(bounds.T):
-            # τ = clip(k·e + c·ė, ±bound),  ė = commanded − true yaw rate;  I·ψ̈ = τ
-            torque = np.clip(k * lag + c * (turn[:, t] / dt - rate), -bound, bound)
-            rate = rate + torque / robot.yaw_inertia * dt
-            yaw[:, t + 1] = yaw[:, t] + rate * dt
-            # |e| ≤ bound / k: what would make it larger turns the sole on the ground
-            lag = np.clip(lag + turn[:, t] - rate * dt, -bound / k, bound / k)
+        yaw = [self.pose[robots, 2]]
+        for wanted in turn.T / dt:
+            # ψ̇ ← ψ̇ + clip(commanded rate − ψ̇, ± the largest change);   ψ ← ψ + ψ̇·dt
+            rate = rate + np.clip(wanted - rate, -most, most)
+            yaw.append(yaw[-1] + rate * dt)
         self.yaw_rate[robots] = rate
-        self.yaw_lag[robots] = lag
-        return yaw
+        return np.stack(yaw, -1)
 
     def close(self):
         """It has no threads or processes to stop."""

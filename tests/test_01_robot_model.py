@@ -615,13 +615,16 @@ def test_planar_joints_stay_together_and_motors_follow_within_their_limits(make_
     assert np.mean(late) < 0.005, "[rad]: a motor that follows only the error lags behind"
 
 
-def test_a_motor_of_mujoco_gets_a_target_that_runs_ahead(make_sim):
-    sim, trajectory = make_sim("mujoco"), still("mujoco", 1, 0.02)
-    trajectory.joints[0, :, 2] += [0, 0.01, 0.03]  # the left hip, 2 rad/s in the last tick
-    sim.run([0], trajectory)
-    want = trajectory.joints[0, -1].copy()
-    want[2] += 2.0 * ROBOT.torque_limit[2] / ROBOT.speed_limit[2] / ROBOT.stiffness
-    close(sim.control[0], want, "target + rate · damping / stiffness")
+@BOTH
+def test_joints_are_neither_late_nor_early(make_sim, name):
+    floating = replace(ROBOT, gravity=0.0)
+    torso, joints = robot_model.stance(ROBOT, planar=name == "pymunk")
+    sim = make_sim(name, 12, standing=(torso + [0, 0, 1, 0, 0, 0], joints), robot=floating)
+    trajectory, rate, each = still(name, 12, 0.3), 1.0, np.arange(12)  # [rad/s]; joint i of robot i
+    trajectory.joints[each, :, each] += rate * ROBOT.control_dt * np.arange(31)
+    late = trajectory.joints[each, 1:, each] - sim.run(each, trajectory).joints[each, :, each]
+    late = 1000 / rate * late[:, 10:].mean(1)  # [ms]
+    assert np.abs(late).max() < 4, f"{late.round(1)} ms after their targets, joint by joint"
 
 
 def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
@@ -653,7 +656,7 @@ def test_spin_is_the_angular_velocity_about_the_torsos_own_axes(make_sim, name):
     change = turns[:, 0].swapaxes(1, 2) @ turns[:, 1] / fine.control_dt
     want = (change - change.swapaxes(1, 2))[:, [2, 0, 1], [1, 2, 0]] / 2  # [K, 3]
     size, error = (np.sqrt(np.mean(x**2, 0)) for x in (want, spins - want))
-    assert (size > 0.05).all(), f"the torso should turn about all axes, {size.round(3)} rad/s"
+    assert (size > 0.04).all(), f"the torso should turn about all axes, {size.round(3)} rad/s"
     assert (error < [0.01, 0.03, 0.01]).all(), (
         f"{error.round(3)} rad/s about x, y, z: rates of roll, pitch, yaw, or the world's axes?"
     )
@@ -804,13 +807,6 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
     assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir()), "MuJoCo's warnings"
 
 
-def test_the_spring_of_the_planar_yaw_brings_it_where_it_is_commanded(make_sim):
-    trajectory = still("pymunk", 1, 1.0)
-    trajectory.trunk[:, 5:, 5] = 0.03  # [rad] in one tick; the damping alone turns it by 0.005
-    torso = make_sim("pymunk").run([0], trajectory).torso
-    close(torso[0, -1, 5], 0.03, "τ = k·e + c·ė: is the spring there?", atol=0.003)
-
-
 def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     sim, trajectory = make_sim("pymunk", 2), still("pymunk", 2, 1.5)
     seconds = ROBOT.control_dt * np.arange(trajectory.joints.shape[1])
@@ -821,9 +817,10 @@ def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     assert 0.0 < sharp < 0.6, f"sharp: {sharp:.2f} of 1.00 rad, more than friction can: τ ≤ μ·F·r"
 
 
-def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
-    sim, body = make_sim("pymunk", 6), bodies(6, friction=0.3, mass=0.1)
-    sim.reset(np.arange(6), body)
+def test_planar_yaw_turns_as_fast_as_sole_and_motor_can_bear(make_sim):
+    sim, body = make_sim("pymunk", 3), bodies(3, friction=0.3, mass=0.1)
+    body.friction[2] = 9.0
+    sim.reset(np.arange(3), body)
     a, b = ROBOT.foot_front + ROBOT.foot_back, ROBOT.foot_width
     # The integral of √(x² + y²) over the rectangle a × b, divided by a·b
     radius = (
@@ -832,22 +829,9 @@ def test_planar_push_ahead_and_turn_share_one_friction_circle(make_sim):
         + b**2 / (12 * a) * math.asinh(a / b)
     )
     close(sim.sole_radius, radius, "r [m]: a mean over the whole sole", rtol=0.005)
-    dt, before = ROBOT.control_dt, sim.bodies
-    after = before.copy()
-    shares = np.array([0.0, 0.6, 0.8, 1.0, 0, 0])  # of μ·F: accelerated ahead by that share of μ·g
-    after[..., 3] += (shares * body.friction * ROBOT.gravity * dt)[:, None]
-    after[4, :, 4] += 20 * ROBOT.gravity * dt  # a hard landing
-    after[5, :, 4] -= 2 * ROBOT.gravity * dt  # it falls faster than by its weight
-    seen = np.stack([before, after], 1)  # [N, T + 1, 7, 6]
-    yaw = sim.run_yaw(seen, np.full((6, 1), 0.5), np.arange(6))[:, 1]  # commanded: 0.5 rad
+    yaw = sim.run_yaw(np.full((3, 2), 0.5), np.arange(3))  # commanded: 0.5 rad in a tick
+    torque = np.diff(yaw, 2) * ROBOT.yaw_inertia / ROBOT.control_dt**2  # [N, 1]
     weight = np.array([sum(link.mass for link in planar_bodies(space)) for space in sim.spaces])
-    largest = body.friction * weight * ROBOT.gravity * sim.sole_radius  # [N m]
-    torque = yaw * ROBOT.yaw_inertia / dt**2
-    close(
-        torque[:4],
-        largest[:4] * [1, 0.8, 0.6, 0],
-        "0.6² + 0.8² = 1: a sole that pushes ahead with 0.6·μ·F has 0.8·μ·F left for a turn",
-        atol=1e-3,
-    )
-    close(torque[4], ROBOT.torque_limit[0], "the hip's motor has a limit, too")
-    assert torque[5] == 0, "in the air F = 0, not less: nothing can start a turn"
+    grip = body.friction[:2] * weight[:2] * ROBOT.gravity * sim.sole_radius  # [N m]
+    close(torque[:2, 0], grip, "r·μ·m·g: a sole with the robot's weight on it", atol=1e-3)
+    close(torque[2], ROBOT.torque_limit[0], "the hip's motor has a limit, too")
