@@ -55,7 +55,6 @@ class Task(robot_model.Checked):
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
-    drift: tuple = (0.009, 0.009, 0.05)  # [m, m, rad] 1 σ of walked − planned (process noise); ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
@@ -63,7 +62,7 @@ class Task(robot_model.Checked):
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.1  # [-] continuity
-    s_fall: float = 10.0  # [-] cost of a fall; ours
+    s_fall: float = 20.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
     s_time: float = 0.04  # [-] cost of a double step; ours. γ is the discount of stage 4:
     #                       a reward t double steps ahead counts γᵗ times. So walking without end
@@ -113,8 +112,12 @@ class StepLimits:
 # cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.15, 0.60)),
-    "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.15, 0.15, 0.50)),
+    "mujoco": StepLimits(low=(-0.12, -0.02, -0.30), high=(0.14, 0.18, 0.50)),
 }
+
+# How far a double step ends from its plan, standard deviation in m, m, rad: the process noise of the
+# filter. Measured by `python tests/studies/walk.py`.
+DRIFT = {"pymunk": (0.010, 0.0065, 0.001), "mujoco": (0.017, 0.015, 0.10)}
 
 # The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
 # the goal, α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
@@ -248,37 +251,41 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
 
 
 # ------------------------------------------------------------------------ the estimate
-# A measured goal is off by 5 cm, a double step only by 1 cm from its plan. So it pays to remember:
-# a Kalman filter for each of x, y and yaw, as if their errors were independent. (They are not. With
-# the policy the errors of x and y in 3-D are 1.3 to 1.7 times as large as the filter claims.)
-def predict(goal, variance, motion, drift):
-    """The goal [n, 3] after a double step of the robot, and the variance [n, 3] of its error.
+# A measured goal is off by 5 cm, a double step only by 1 to 2 cm from its plan. So it pays to
+# remember: a Kalman filter. It carries along how large its error may be: the covariance P of the
+# errors of x, y and yaw, whose diagonal holds their variances.
+def predict(goal, covariance, motion, drift):
+    """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
 
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
     [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad.
     """
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
-    # A turn that is off by a small e moves a goal at (x, y) by e·(y, −x), so the error of the yaw
-    # adds to the variance of x by way of y, and to that of y by way of x:
-    # V ← V + drift² + (y², x², 0)·drift_yaw²
-    lever = np.stack([y, x, 0 * x], -1)
-    return goal, variance + np.square(drift) + (lever * drift[2]) ** 2
+    turn = motion[:, 2]
+    # The robot has turned, so what it sees turns back; the error of x and y, too: J = Rz(−turn)
+    J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3]
+    # A double step that leads too far by small e = (e_x, e_y, e_yaw) moves a goal at (x, y) by
+    # −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned turn moves it to the side.
+    G = np.eye(3) + np.stack([-y, x, 0 * x], -1)[..., None] * [0, 0, 1]  # in the last column
+    # P ← J·P·Jᵀ + G·D·Gᵀ,  D: the squares of drift on the diagonal
+    D = np.diag(np.square(drift))
+    return goal, J @ covariance @ J.swapaxes(1, 2) + G @ D @ G.swapaxes(1, 2)
 
 
-def correct(goal, variance, measured, noise):
-    """The goal [n, 3] after a measurement [n, 3], and its variance; noise: its 1 σ [3]."""
-    # Mix prediction and measurement, (1 − K)·goal + K·measured = goal + K·(measured − goal). With
-    # independent errors of variance V and R the mix has (1 − K)²·V + K²·R. This is smallest where
-    # its derivative −2·(1 − K)·V + 2·K·R is 0:
-    # K = V / (V + R): 1 trusts the measurement, 0 the prediction;   V ← (1 − K)·V = K·R
-    # goal ← goal + K·(measured − goal)
-    gain = variance / (variance + np.square(noise))
+def correct(goal, covariance, measured, noise):
+    """The goal [n, 3] after a measurement [n, 3], and its covariance; noise: its 1 σ [3]."""
+    # Mix prediction and measurement, goal + K·(measured − goal). For one number with independent
+    # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where
+    # its derivative −2·(1 − K)·V + 2·K·R is 0: K = V / (V + R), and V ← (1 − K)·V = K·R.
+    # For three numbers likewise, with matrices:   K = P·(P + R)⁻¹,   P ← K·R
+    R = np.diag(np.square(noise))
+    gain = covariance @ np.linalg.inv(covariance + R)  # [n, 3, 3]
     error = measured - goal
     error[:, 2] = wrap(error[:, 2])
-    goal = goal + gain * error
+    goal = goal + (gain @ error[..., None])[..., 0]
     goal[:, 2] = wrap(goal[:, 2])
-    return goal, gain * np.square(noise)
+    return goal, gain @ R
 
 
 # ------------------------------------------------------------------------ the world
@@ -319,6 +326,7 @@ class FootstepWorld:
         push=0.0,  # [m/s] pushes at random, each as if it gave the torso alone this speed
         walk=None,  # WalkParameters; None: TUNED of stage 2
         limits=None,  # StepLimits; None: LIMITS
+        drift=None,  # [m, m, rad] that the estimate expects; None: DRIFT
         task=Task(),
         spread=Spread(),
         robot=robot_model.RobotModel(),
@@ -330,6 +338,7 @@ class FootstepWorld:
         self.noise = noise
         self.push = checked("push", push)
         self.limits = limits or LIMITS[sim]
+        self.drift = drift or DRIFT[sim]
         self.task = task
         self.spread = spread
         self.engine = walk_engine.WalkEngine(
@@ -351,7 +360,7 @@ class FootstepWorld:
         self.gyro_offset = zeros(2)  # [rad/s] constant error of x and y
         self.goal = zeros(3)
         self.estimate = zeros(3)  # of the goal, seen from the robot
-        self.variance = zeros(3)  # of the estimate's error [m², m², rad²]
+        self.covariance = zeros(3, 3)  # of the estimate's error, in m and rad
         self.pose = zeros(3)  # torso on the ground, true
         self.imu = zeros(5)  # roll, pitch [rad], angular velocity [rad/s], true
         self.actions = zeros(2, 6)  # the last one, the one before
@@ -394,7 +403,7 @@ class FootstepWorld:
     def set_goal(self, robots, goals):
         """Other goals [n, 3] for these robots, who walk on; x, y [m], yaw [rad] on the ground."""
         self.goal[robots] = goals
-        self.variance[robots] = 1e12  # nothing is known: the first measurement counts alone
+        self.covariance[robots] = 1e8 * np.eye(3)  # as good as nothing is known of it
         self.was_inside[robots] = False
 
     def relative_goal(self, robots):
@@ -412,10 +421,10 @@ class FootstepWorld:
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         measured = self.noisy(NOISE, self.relative_goal(robots), robots, std)
-        # Without noise K is 1: only the new measurement counts. (R is not exactly 0, or a second
-        # measurement would have K = V / (V + R) = 0 / 0.)
-        goal, self.variance[robots] = correct(
-            self.estimate[robots], self.variance[robots], measured, np.maximum(std, 1e-12)
+        # Without noise only the new measurement counts: K is nearly 1. (R is not exactly 0, or a
+        # second measurement would divide by 0.)
+        goal, self.covariance[robots] = correct(
+            self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
         )
         self.estimate[robots] = goal
         std = self.noise * np.repeat([task.imu_rad, task.imu_rad_s], [2, 3])
@@ -464,11 +473,11 @@ class FootstepWorld:
         last = self.actions[robots, 0]
         plan, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
         trunk = plan.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
-        self.estimate[robots], self.variance[robots] = predict(
+        self.estimate[robots], self.covariance[robots] = predict(
             self.estimate[robots],
-            self.variance[robots],
+            self.covariance[robots],
             robot_model.relative(trunk[:, 0], trunk[:, -1]),
-            task.drift,
+            self.drift,
         )
         self._disturb(plan, robots)
         if disturb:

@@ -215,7 +215,7 @@ def _knot(self, support, start, landing):
         way = after - before
         knot[i, [0, 1, 5], 1] = way / self.half
         ahead = way[0] * np.cos(yaw) + way[1] * np.sin(yaw)
-        knot[i, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * abs(way[2])
+        knot[i, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
         knot[i, 3, 0] = -p.trunk_roll if side > 0 else p.trunk_roll
     return knot
 
@@ -234,9 +234,8 @@ def _knot(self, support, start, landing):
     knot[:, [0, 1, 5], 1] = (after - before) / self.half
     knot[:, 2, 0] = p.trunk_height
     ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]
-    turn = np.abs(after - before)[:, 2]
     knot[:, 3, 0] = -p.trunk_roll * np.sign(side)
-    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
+    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
     return knot
 
 
@@ -309,24 +308,28 @@ def potentials(goal, near_m):
     return phi
 
 
-def correct(goal, variance, measured, noise):
-    """(1 − K)·V as it is written."""
-    gain = variance / (variance + np.square(noise))
-    error = measured - goal
-    error[:, 2] = wrap(error[:, 2])
-    goal = goal + gain * error
+def correct(goal, covariance, measured, noise):
+    """(1 − K)·P as it is written, robot by robot, by a linear system."""
+    goal, covariance = goal.copy(), covariance.copy()
+    for i, P in enumerate(covariance):
+        gain = np.linalg.solve(P + np.diag(np.square(noise)), P).T
+        error = measured[i] - goal[i]
+        goal[i] += gain @ [error[0], error[1], wrap(error[2])]
+        covariance[i] = (np.eye(3) - gain) @ P
     goal[:, 2] = wrap(goal[:, 2])
-    return (goal, (1 - gain) * variance)
+    return (goal, covariance)
 
 
-def predict(goal, variance, motion, drift):
-    """Axis by axis."""
+def predict(goal, covariance, motion, drift):
+    """Robot by robot: the errors before and those of the double step are sides of one matrix."""
     goal = robot_model.relative(motion, goal)
-    variance = variance + drift**2
-    variance[:, 0] += goal[:, 1] ** 2 * drift[2] ** 2
-    variance[:, 1] += goal[:, 0] ** 2 * drift[2] ** 2
-    return (goal, variance)
-    return (goal, variance + np.square(drift) + (lever * drift[2]) ** 2)
+    after = np.empty_like(covariance)
+    for i, (x, y, _) in enumerate(goal):
+        cos, sin = np.cos(motion[i, 2]), np.sin(motion[i, 2])
+        turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
+        sides = np.array([[-1, 0, y], [0, -1, -x], [0, 0, -1]]) * drift
+        after[i] = turn @ covariance[i] @ turn.T + sides @ sides.T
+    return (goal, after)
 
 
 def clipped_objective(ratio, advantage, clip):

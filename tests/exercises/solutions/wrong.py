@@ -317,7 +317,6 @@ def _swing(self, start, landing, mistake):
     return foot[[0] * one] if mistake == "every robot swings like the first one" else foot
 
 
-@wrong("the turn with its sign", "to either side")
 @wrong("leans by the way along the world's x", "in its own frame")
 @wrong("leans by the way of the foot", "not of the foot")
 @wrong("leans back with the step", "in its own frame")
@@ -328,7 +327,6 @@ def _swing(self, start, landing, mistake):
 @wrong("leans to the foot in the air", "SUPPORT foot")
 @wrong("rolls towards the foot in the air", "a positive roll leans to the right")
 @wrong("at the middle of the feet after the step", "half way")
-@wrong("the turn of the foot", "not of the foot")
 @wrong("the yaw of the support foot", "yaw of the middle")
 def _knot(self, support, start, landing, mistake):
     p = self.parameters
@@ -355,11 +353,9 @@ def _knot(self, support, start, landing, mistake):
         ahead = moved[:, 0]
     elif mistake == "leans back with the step":
         ahead = -ahead
-    turn = (landing - start if mistake == "the turn of the foot" else moved)[:, 2]
-    turn = turn if mistake == "the turn with its sign" else np.abs(turn)
     roll = p.trunk_roll * np.sign(side)
     knot[:, 3, 0] = roll if mistake == "rolls towards the foot in the air" else -roll
-    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead + p.pitch_per_turn * turn
+    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
     return knot
 
 
@@ -508,54 +504,72 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task(),
 @wrong("the lever before the double step", "after the double step")
 @wrong("the drift of a step is forgotten", "V + drift² + lever")
 @wrong("the lever's angle is not squared", "to the SIDE")
-@wrong("writes into the variance", "must not be written to")
-def predict(goal, variance, motion, drift, mistake):
-    x, y, _ = goal.T
+@wrong("only the diagonal", "belong together")
+@wrong("the lever to the other side", "belong together")
+@wrong("the errors do not turn", "turn back with it")
+@wrong("the errors turn the wrong way", "turn back with it")
+@wrong("writes into the covariance", "must not be written to")
+def predict(goal, covariance, motion, drift, mistake):
     moved = robot_model.relative(motion, goal)
     if mistake == "moved the wrong way":
         moved = robot_model.compose(motion, goal)
     elif mistake == "moved without turning":
         moved = goal - motion
-    if mistake != "the lever before the double step":
-        x, y, _ = moved.T
-    lever = np.stack([x, y, 0 * x] if "ahead" in mistake else [y, x, 0 * x], -1)
-    lever = lever**2 * (drift[2] if "not squared" in mistake else drift[2] ** 2)
+    x, y, _ = goal.T if mistake == "the lever before the double step" else moved.T
+    if "ahead" in mistake:
+        x, y = y, x
+    elif mistake == "the lever to the other side":
+        x, y = -x, -y
+    square = drift if mistake == "a standard deviation is added" else np.square(drift)
+    if mistake == "the drift of a step is forgotten":
+        square = 0 * drift
+    lever = np.stack([-y, x, 0 * x], -1)
     if mistake == "the lever is forgotten":
-        lever = 0
-    square = np.square(drift)
-    if mistake == "a standard deviation is added":
-        square = drift
-    elif mistake == "the drift of a step is forgotten":
-        square = 0
-    elif mistake == "writes into the variance":
-        variance += square
-        return moved, variance + lever
-    return moved, variance + square + lever
+        lever = 0 * lever
+    both = lever[:, :, None] * lever[:, None] * drift[2] ** (1 if "not squared" in mistake else 2)
+    both[:, :, 2] += lever * drift[2] ** 2
+    both[:, 2] += lever * drift[2] ** 2
+    added = both + np.diag(square)
+    if mistake == "only the diagonal":
+        added = added * np.eye(3)
+    turn = {"the errors do not turn": 0, "the errors turn the wrong way": -1}.get(mistake, 1)
+    yaw = turn * motion[:, 2]
+    J = robot_model.rotation(0 * yaw, 0 * yaw, -yaw)
+    if mistake == "writes into the covariance":
+        covariance[:] = J @ covariance @ J.swapaxes(1, 2) + added
+        return moved, covariance
+    return moved, J @ covariance @ J.swapaxes(1, 2) + added
 
 
 @wrong("the gain of the prediction", "K = V / (V + noise²)")
 @wrong("a variance and a standard deviation in the gain", "K = V / (V + noise²)")
-@wrong("a measurement makes nothing more certain", "(1 − K)·V")
+@wrong("a measurement makes nothing more certain", "(1 − K)·P")
 @wrong("the error of an angle is not wrapped", "a small way, over π")
 @wrong("the angle itself is not wrapped", "a small way, over π")
 @wrong("the measurement is added, not the difference", "goal + K·(measured − goal)")
+@wrong("every number for itself", "belong together")
+@wrong("the matrix of the gain is not inverted", "K = V / (V + noise²)")
 @wrong("writes into the goal", "must not be written to")
 @wrong("writes into the measurement", "must not be written to")
-def correct(goal, variance, measured, noise, mistake):
-    square = noise if "standard" in mistake else np.square(noise)
-    gain = (square if "prediction" in mistake else variance) / (variance + square)
+def correct(goal, covariance, measured, noise, mistake):
+    R = np.diag(noise if "standard" in mistake else np.square(noise))
+    P = covariance * np.eye(3) if mistake == "every number for itself" else covariance
+    gain = (R if "prediction" in mistake else P) @ np.linalg.inv(P + R)
+    if "not inverted" in mistake:
+        gain = P @ (P + R)
     if mistake == "writes into the measurement":
         measured -= goal
     error = measured.copy() if "added" in mistake else measured - goal
     if mistake != "the error of an angle is not wrapped":
         error[:, 2] = wrap(error[:, 2])
+    change = (gain @ error[..., None])[..., 0]
     if mistake == "writes into the goal":
-        goal += gain * error
+        goal += change
     else:
-        goal = goal + gain * error
+        goal = goal + change
     if mistake != "the angle itself is not wrapped":
         goal[:, 2] = wrap(goal[:, 2])
-    return goal, variance if "certain" in mistake else gain * np.square(noise)
+    return goal, covariance if "certain" in mistake else gain @ R
 
 
 # ------------------------------------------------------------------------ stage 4
@@ -913,7 +927,7 @@ def bootstrap(statistic, *samples, resamples=2000, mistake):
 @wrong("the mean of ratios", "a ratio of the means")
 @wrong("the interval of the mean of ratios", "not of the mean of the ratios")
 @wrong("the mean of nothing", "no ratio")
-@wrong("slower counts ties, too", "longer than")
+@wrong("slower counts ties, too", "takes as long")
 @wrong("the ratio of the medians", "goal by goal")
 @wrong("theirs by ours", "mean time / mean time of the reference")
 def time_ratio(trials, reference, mistake):
@@ -936,6 +950,7 @@ def time_ratio(trials, reference, mistake):
             *bootstrap(lambda x, y: (x / y).mean(1) if of_ratios else x.mean(1) / y.mean(1), a, b)
         ],
         "median": np.median(a) / np.median(b) if "medians" in mistake else np.median(a / b),
+        "faster": np.mean(a < b),
         "slower": np.mean(a >= b if ties else a > b),
     }
 
