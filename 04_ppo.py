@@ -4,7 +4,7 @@ Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distributio
 variable), trained with PPO, proximal policy optimization [7]. The paper used Stable-Baselines3 [8];
 here it is written out, so that every equation has a line to point at.
 
-    python 04_ppo.py                 500,000 double steps of the planar robot (pymunk)
+    python 04_ppo.py                 250,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
@@ -82,7 +82,7 @@ env = import_module("03_env")
 InputError = robot_model.InputError
 torch.set_num_threads(1)  # matrices this small are slower on several threads
 Distribution.set_default_validate_args(False)  # quicker
-STEPS, QUICK_STEPS = 500_000, 60_000  # double steps; the paper: 1,000,000
+STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class PPOConfig:
     """Sources: [P] the paper, [7], [8] its default, [own] our choice; (name in [8])."""
 
     num_envs: int = 64  # N, robots that walk at the same time (n_envs) [own]
-    rollout: int = 64  # T, double steps of each robot between two updates (n_steps) [own]
+    rollout: int = 16  # T, double steps of each robot between two updates (n_steps) [own]
     epochs: int = 10  # how often every sample is used (n_epochs) [8]
     minibatch: int = 512  # samples per gradient step (batch_size) [own]
     learning_rate: float = 1e-3  # of Adam at the start; falls linearly to 0 [own]

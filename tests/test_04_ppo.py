@@ -782,11 +782,11 @@ def told_to_train(arguments, monkeypatch):
 
 
 @pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
-    ([], 500_000, "runs/pymunk", "pymunk", True, False),
+    ([], 250_000, "runs/pymunk", "pymunk", True, False),
     (["--quick"], 60_000, "runs/pymunk/quick", "pymunk", True, False),
     (["--quick", "--steps", "70"], 70, "runs/pymunk/quick", "pymunk", True, False),
-    (["--mujoco", "--imu", "--resume"], 500_000, "runs/mujoco/imu", "mujoco", True, True),
-    (["--no-noise", "--out", "mine"], 500_000, "mine", "pymunk", False, False),
+    (["--mujoco", "--imu", "--resume"], 250_000, "runs/mujoco/imu", "mujoco", True, True),
+    (["--no-noise", "--out", "mine"], 250_000, "mine", "pymunk", False, False),
 ], ids=str)  # fmt: skip
 def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
