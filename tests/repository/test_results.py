@@ -120,8 +120,7 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     for kind in kinds:
         policy, paper, tuned, *_ = (rows[name, *kind] for name in names)
         assert policy["success"] >= float(evaluate.PAPER["policy", False].split(" | ")[0]), kind
-        if sim == "mujoco":  # on the plane, with noise, the baseline stays more often
-            assert policy["still_there"] >= paper["still_there"] - 0.02, "it leaves, others stay"
+        assert policy["still_there"] >= 0.88, "it arrives, and leaves again"
         assert policy["time_mean"] < min(paper["time_mean"], tuned["time_mean"])
 
 
@@ -200,7 +199,8 @@ def test_the_opponents_were_tuned_by_a_rule(sim, part):
 
 def test_shipped_files_show_something_and_have_a_study():
     for path in RESULTS.glob("*/studies/*"):
-        assert (ROOT / "tests" / "studies" / f"{path.stem}.py").is_file(), f"{path}: no study"
+        study = path.name.split(".")[0]
+        assert (ROOT / "tests" / "studies" / f"{study}.py").is_file(), f"{path}: no study"
     for path in RESULTS.rglob("*.png"):
         check_picture(path)
     for path in RESULTS.rglob("*.gif"):

@@ -184,17 +184,30 @@ def test_the_cross_entropy_method_draws_nearer_to_the_best():
     assert np.shape(seen) == (15, 28, 2) and 0 <= np.min(seen) and np.max(seen) <= 1
 
 
+def test_errors_that_repeat_add_up_in_what_the_filter_expects():
+    rng, planned = np.random.default_rng(0), np.tile([0.1, 0.0, 0.2], (4000, 8, 1))
+    own, new = rng.normal(0, 0.01, (4000, 1, 3)), rng.normal(0, 0.02, (4000, 8, 3))
+    poses = [np.zeros((4000, 3))]
+    for step in (planned + own + new + [0.003, 0, 0]).swapaxes(0, 1):
+        poses.append(robot_model.compose(poses[-1], step))
+    mean, drift = walk.off_plan(planned, np.stack(poses, 1))
+    close(mean, [0.003, 0, 0], "walked − planned, seen from where the step began", atol=1e-3)
+    # Var(Σ of five) / 5 = (25·0.01² + 5·0.02²) / 5
+    close(drift, (5 * 0.01**2 + 0.02**2) ** 0.5, "√(Var / 5) of the sum of five", rtol=0.04)
+
+
 def test_tuning_chooses_the_fastest_safe_setting_that_stays():
-    paper = {"fall": 0.0, "time": 20.0, "still_there": 0.98}
+    paper = {"fall": 0.0, "pushed": 0.0, "time": 20.0, "still_there": 0.98}
     rows = [
         paper | {"time": 9.0},
-        paper | {"time": 8.0, "fall": 0.005},
+        paper | {"time": 8.0, "fall": 0.005, "pushed": 0.05},
         paper | {"time": 7.0, "fall": 0.006},
         paper | {"time": 6.0, "still_there": 0.969},
         paper | {"time": None, "still_there": None},
     ]
     best = baseline.choose(rows, paper)[0]
-    assert best is rows[1], "fastest of those with at most 0.5 % falls that stay"
+    assert best is rows[1], "fastest of those with at most 0.5 % falls, 5 % pushed, that stay"
+    assert baseline.choose([rows[0], rows[1] | {"pushed": 0.06}], paper)[0] is rows[0], "pushed"
     safe, rule = baseline.choose(rows[2:4], paper)
     assert safe is rows[3] and "none" in rule, "none of the safe ones stays: the fastest of them"
 

@@ -215,9 +215,8 @@ def plot(found, sim):
 
 def found(data):
     """Sentences and tables by name, from the numbers of both simulators."""
-    short, long, choices = (
-        data[sim][part]["rows"]
-        for sim, part in (("pymunk", "ablations"), ("mujoco", "long"), ("mujoco", "choices"))
+    short, long = (
+        data[sim][part]["rows"] for sim, part in (("pymunk", "ablations"), ("mujoco", "long"))
     )
 
     def mean(rows, key, **wanted):
@@ -227,26 +226,12 @@ def found(data):
     plain, sharp = (
         mean(short, "time_mean", variant=name) for name in ("no sharpening", "reference")
     )
-    trained, chosen = [], []
+    trained = []
     for name in dict.fromkeys(row["variant"] for row in long):
         calm, pushed = common.pick(long, variant=name, goal_std_m=1.0)
         trained.append(
             f"{name} | {calm['time_mean']:.1f} | {share(calm['fall'], 1)} "
             f"| {share(pushed['fall'], 1)} | {share(calm['critic'])}"
-        )
-    for name in dict.fromkeys(row["variant"] for row in choices):
-        near, far, pushed = (
-            {"variant": name, "goal_std_m": std, "push": push}
-            for std, push in ((0.5, 0.0), (1.0, 0.0), (1.0, 0.4))
-        )
-        falls = [mean(choices, "fall", **wanted) for wanted in (near, far)]
-        times, stays = (
-            " and ".join(f"{mean(choices, key, **wanted):.2f}" for wanted in (near, far))
-            for key in ("time_mean", "still_there")
-        )
-        chosen.append(
-            f"{name} | {times} | {stays} | {share(falls, 2)} "
-            f"| {share(mean(choices, 'fall', **pushed), 1)}"
         )
     usual, blind, _ = common.values(long, "time_mean", goal_std_m=1.0, push=0.0)
     return {
@@ -261,8 +246,6 @@ def found(data):
             "training | time [s] | falls | falls, pushed | variance explained by the critic",
             trained,
         ),
-        "choices": "\n\nOther choices, to near and to far goals; pushed on the way to far ones:\n\n"
-        + evaluate.markdown("choice | time [s] | still there | falls | falls, pushed", chosen),
     }
 
 

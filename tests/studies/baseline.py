@@ -1,17 +1,21 @@
 """How good can planners get that do not learn? All their settings optimised, by one method.
 
-    python tests/studies/baseline.py [--mujoco] [--only baseline_tuned | expert] [--out FOLDER]
+    python tests/studies/baseline.py [--mujoco] [--only PART] [--out FOLDER]
 
 baseline_tuned: the paper's baseline; both feet share its steps.
 expert: `tests/exercises/expert.py`.
-Cross-entropy method on the logarithms of eight settings. Where it
-ends, the settings in use, and the best candidates walk to 2,000 other goals; `choose` decides.
+Cross-entropy method on the logarithms of eight settings, for one price of a fall after the other:
+each search begins where the last one has ended. These ends and the settings in use walk to 2,000
+other goals, and pushed to 1,000 far ones; `choose` decides.
+policy: the trainings on the same walks. The figure shows what speed costs each of them in falls.
 """
 
 import sys
 from dataclasses import asdict, fields
+from functools import partial
 
 import common
+import matplotlib.pyplot as plt
 import numpy as np
 from common import RESULTS, ROOT, evaluate
 from tqdm import tqdm
@@ -19,18 +23,18 @@ from tqdm import tqdm
 sys.path.append(str(ROOT / "tests" / "exercises"))
 import expert
 
-DURATION = "12 minutes on two cores; 3-D: 25 minutes"
-SIZES, FINALISTS = (8, 16, 4), 5
+DURATION = "15 minutes on two cores; 3-D: 30 minutes"
+SIZES = (3, 14, 4)  # iterations for each price, candidates, how many are kept
 WALKS = 64  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
-PRICE = 200.0  # [s] of one fall per walk; of a time-out a quarter: our choice
+PRICES = (50.0, 100.0, 200.0, 400.0)  # [s] of one fall per walk; of a time-out a quarter
+PUSH = 0.4  # [m/s]
 LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's; our choice
-MAX_FALLS = 0.005  # share of the walks
+MAX_FALLS, MAX_PUSHED = 0.005, 0.05  # share of the walks; of those with pushes
 LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
 Settings = evaluate.BaselineSettings
 TUNED = [entry.name for entry in fields(Settings) if entry.name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
-START = (0.48, 0.35, 0.25, 1.1, 0.85, 0.7, 0.85, 0.25)  # of it, from first trials in 3-D
 
 
 def tuned_of(values):
@@ -65,36 +69,46 @@ def facts(ended):
 
 
 def final(world, planner):
-    """The facts of a planner on 2,000 noisy trials."""
-    return facts(both(world, planner, 101, SETS))
+    """The facts of a planner on 2,000 noisy trials; pushed: share of falls in the 1,000 far ones,
+    if it is pushed there.
+    """
+    rows = facts(both(world, planner, 101, SETS))
+    with common.world(world.sim, push=PUSH) as windy:
+        ended = common.walks(planner, windy, True, SETS, 101, purpose="tuning")
+    return rows | {"pushed": facts(ended)["fall"]}
 
 
-def cost(row, paper):
+def cost(row, paper, price=PRICES[2]):
     """What the search makes small [s]: time, falls, and staying less often than the paper's."""
     if row["time"] is None:
         return 100.0
     leaves = max(0.0, paper["still_there"] - row["still_there"])
-    return row["time"] + PRICE * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
+    return row["time"] + price * (row["fall"] + row["timeout"] / 4) + LEAVING * leaves
 
 
 def optimise(world, planner_of, start, paper):
-    """All candidates as (settings, facts, cost), and the settings where it ends."""
+    """All candidates as (settings, facts, price), and the settings where it ends for each price."""
 
     def plain(x):
         return [round(float(value), 4) for value in np.exp(x)]
 
-    def costs(iteration, drawn):
+    def costs(price, _, drawn):
         rows = []
         for x in tqdm(drawn, leave=False, unit=" candidates"):
-            row = facts(both(world, planner_of(plain(x)), 1 + iteration, 1, WALKS))
-            rows.append((plain(x), row, cost(row, paper)))
-        found = [row[2] for row in rows]
+            row = facts(both(world, planner_of(plain(x)), 1 + len(tried) // SIZES[1], 1, WALKS))
+            rows.append((plain(x), row, price))
+        found = [cost(row, paper, price) for _, row, _ in rows]
         tried.extend(rows)
-        print(f"{iteration}: mean {found[0]:.2f} s, best {min(found):.2f} s", flush=True)
+        print(f"price {price:.0f} s: mean {found[0]:.2f} s, best {min(found):.2f} s", flush=True)
         return found
 
-    tried, rng = [], np.random.default_rng(0)
-    return tried, plain(common.cross_entropy(costs, np.log(start), 0.3, SIZES, rng))
+    tried, ends, rng = [], [], np.random.default_rng(0)
+    mean = np.log(start)
+    for price in PRICES:
+        spread = 0.15 if ends else 0.3
+        mean = common.cross_entropy(partial(costs, price), mean, spread, SIZES, rng)
+        ends.append(plain(mean))
+    return tried, ends
 
 
 def choose(rows, paper):
@@ -102,7 +116,7 @@ def choose(rows, paper):
     safe = [
         row
         for row in sorted(rows, key=lambda row: row["time"] or np.inf)
-        if row["fall"] <= MAX_FALLS
+        if row["fall"] <= MAX_FALLS and row["pushed"] <= MAX_PUSHED
     ]
     stay = [row for row in safe if (row["still_there"] or 0) >= paper["still_there"] - LESS]
     if stay:
@@ -112,14 +126,12 @@ def choose(rows, paper):
     return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
 
-def searched(world, planner_of, names, start, now, paper):
-    """The whole search; `start`, and the settings that are in use now: values by `names`."""
-    tried, end = optimise(world, planner_of, start, paper)
-    tried.sort(key=lambda row: row[2])
-    best_of_all = [values for values, *_ in tried[: FINALISTS - 2]]
+def searched(world, planner_of, names, now, paper):
+    """The whole search, from the settings on that are in use now, values by `names`."""
+    tried, ends = optimise(world, planner_of, now, paper)
     rows = [
-        {"settings": dict(zip(names, values)), **final(world, planner_of(values))}
-        for values in tqdm([end, now, *best_of_all], unit=" finalists")
+        {"price": price, "settings": dict(zip(names, values)), **final(world, planner_of(values))}
+        for price, values in tqdm([*zip(PRICES, ends), (None, now)], unit=" finalists")
     ]
     best, rule = choose(rows, paper)
     print("chosen:", best["settings"])
@@ -128,7 +140,7 @@ def searched(world, planner_of, names, start, now, paper):
         "rule": rule,
         "paper": paper,
         "finalists": [row | {"chosen": row is best} for row in rows],
-        "tried": [{"settings": values, **row} for values, row, _ in tried],
+        "tried": [{"settings": values, "price": price, **row} for values, row, price in tried],
     }
 
 
@@ -137,7 +149,7 @@ def study_tuned(args):
     now = [getattr(evaluate.TUNED_BASELINE[args.sim], name) for name in TUNED]
     with common.world(args.sim) as world:
         paper = final(world, evaluate.BaselinePlanner(Settings()))
-        return searched(world, tuned_of, TUNED, START, now, paper)
+        return searched(world, tuned_of, TUNED, now, paper)
 
 
 def study_expert(args):
@@ -148,10 +160,20 @@ def study_expert(args):
         "paper"
     ]
     with common.world(args.sim) as world:
-        return searched(world, expert_of, EXPERT, now, now, paper)
+        return searched(world, expert_of, EXPERT, now, paper)
 
 
-PARTS = {"baseline_tuned": study_tuned, "expert": study_expert}
+def study_policy(args):
+    """The trainings on the same walks."""
+    rows = []
+    with common.world(args.sim) as world:
+        for seed in common.SEEDS[args.sim]:
+            file = RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
+            rows.append({"seed": seed, **final(world, common.policy(file, args.sim))})
+    return {"trials": 2 * SETS * common.PER_SET, "rows": rows}
+
+
+PARTS = {"baseline_tuned": study_tuned, "expert": study_expert, "policy": study_policy}
 
 
 def table(found, sim):
@@ -161,18 +183,42 @@ def table(found, sim):
         if part in found:
             paper = {"settings": asdict(Settings()), "chosen": "paper", **found[part]["paper"]}
             first = [paper] * (part == "baseline_tuned")
-            columns = dict.fromkeys(names, 2) | {
-                "fall": 4,
-                "timeout": 4,
-                "time": 2,
-                "still_there": 3,
-                "chosen": 0,
-            }
+            columns = (
+                {"price": 0}
+                | dict.fromkeys(names, 2)
+                | {
+                    "fall": 4,
+                    "pushed": 3,
+                    "timeout": 4,
+                    "time": 2,
+                    "still_there": 3,
+                    "chosen": 0,
+                }
+            )
             rows = [row | row["settings"] for row in [*first, *found[part]["finalists"]]]
             text += (
                 f"### {part}\n\n{common.table(rows, columns)}\nChosen: {found[part]['rule']}.\n\n"
             )
-    return text
+    columns = {"seed": 0, "fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_there": 3}
+    return text + common.sections(found, {"policy": columns})
+
+
+def plot(found, sim):
+    """Time over falls, without pushes and with them: what speed costs."""
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
+    for axis, key, title in zip(axes, ("fall", "pushed"), ("near and far", "far, pushed")):
+        for part in PARTS:
+            rows = found.get(part, {}).get("finalists") or found.get(part, {}).get("rows", [])
+            name, marker = part, {"policy": "o", "expert": "s"}.get(part, "^")
+            rows = [row for row in rows if key in row]  # older ones were not pushed
+            share = [100 * row[key] for row in rows]
+            time = [row["time"] for row in rows]
+            axis.plot(share, time, marker, color=common.COLORS[part], label=name)
+        axis.set(xlabel=f"falls, {title} [% of the walks]", xlim=(0, None))
+        axis.legend()
+    axes[0].set_ylabel("mean time, near and far [s]")
+    figure.suptitle(f"What speed costs: settings and trainings by time and falls ({sim})")
+    return figure
 
 
 def found(data):
