@@ -109,7 +109,7 @@ class StepLimits:
 
 
 # Our choice, from the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
-# cause a fall, so their limit is the 3-D robot's. Feet within these limits do not touch each other.
+# cause a fall; their limit is our choice, too. Feet within these limits do not touch each other.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.16, -0.04, -0.40), high=(0.18, 0.15, 0.60)),
     "mujoco": StepLimits(low=(-0.12, -0.02, -0.30), high=(0.14, 0.18, 0.50)),

@@ -3,7 +3,7 @@
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
 pooled: evaluation seeds 130 to 139, walked once, after everything has been chosen; the next recipe
-takes 140 to 149. seeds: all trainings and their opponents, on seeds 130 to 133. Both also with
+takes 140 to 149. seeds: all trainings and their opponents, on seeds 130 and 131. Both also with
 pushes on the way to far goals.
 All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
 and so on. The median, by success with noise and then by time, is the one to ship.
@@ -310,7 +310,7 @@ def found(data):
         "pooled": f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones "
         f"the policy fell {near['falls']} and {far['falls']} times; pushed by 0.4 m/s every 3 s on "
         f"the way to the far ones, in {common.share(pushed['fall'], 1)} of the walks.",
-        "trainings": f"{len(ratios) // 2} trainings need {min(ratios):.2f} to {max(ratios):.2f} of "
+        "trainings": f"All {len(ratios) // 2} trainings need {min(ratios):.2f} to {max(ratios):.2f} of "
         "the time of `expert`.",
         "safety": f"All trainings together fell in {fallen('policy', 0.0)} walks, `expert` in "
         f"{fallen('expert', 0.0)}; pushed by 0.4 m/s, in {fallen('policy', 0.4)} and in "
