@@ -1,0 +1,301 @@
+"""Can more machines teach one policy? Ray actors hold the robots, and stage 04 trains as it is.
+
+    python -m pip install ray==2.60.0
+    python tests/studies/cluster.py --mujoco --steps 250000 --seed 0 --out runs/cluster
+    python tests/studies/cluster.py --mujoco --evaluate runs/cluster/policy.pt --out runs/cluster
+    python tests/studies/cluster.py --mujoco --only speed       what Ray costs, or `robots`
+
+An actor is an object in a process of its own, on any machine of a Ray cluster; calls of its methods
+travel there, and results come back. Here an actor holds a part of the robots. `Cluster` stands in
+front of all of them and looks to stage 04 like `FootstepVectorEnv`. Robots have their own random
+generators, so it does not matter where they walk: the policy is the same, bit for bit.
+
+Without --address Ray starts on this machine, for this run only. A cluster of several machines, all
+with the same versions of Python and of the packages (the code travels by itself):
+
+    ray start --head --port 6379                    on the first one, which prints its address
+    ray start --address ADDRESS:6379                on every other one
+    python tests/studies/cluster.py --address ADDRESS:6379 --actors 16 …     on any of them
+    ray stop                                        on each of them, at the end
+"""
+
+import sys
+import time
+from contextlib import closing
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+
+import common
+import gymnasium as gym
+import numpy as np
+from common import ROOT, env, evaluate, ppo, robot_model
+from gymnasium.vector.utils import batch_space
+
+DURATION = "to train as long as stage 04; --only speed: 2 minutes, --only robots: 2 hours"
+TOLD = "success", "fall", "timeout", "time"  # what stage 04 asks of an ended episode
+BLOCK = 250  # trials that a process walks at a time
+SHORT = 8_192  # double steps, to compare and to measure the speed
+LONG = 100_000  # to see what more robots do to learning
+WIDE = ((64, 16), (256, 16), (256, 4))  # robots, double steps of each between two updates
+
+
+class Part:
+    """Some of the robots, in a process anywhere."""
+
+    def __init__(self, first, count, settings):
+        self.first = first
+        self.envs = env.FootstepVectorEnv(count, cores=1, **settings)
+
+    def reset(self, seed, less, options):
+        """less [count]: double steps that the first episodes are shorter (`staggered`)."""
+        seed = None if seed is None else seed + self.first
+        observations, _ = self.envs.reset(seed=seed, options=options)
+        self.envs.world.allowed -= less
+        return observations
+
+    def step(self, actions):
+        """What `FootstepVectorEnv.step` returns, and of its infos those that training needs."""
+        observations, reward, terminated, truncated, infos = self.envs.step(actions)
+        last = infos.get("final_obs", observations)
+        told = [infos[name] for name in TOLD]
+        return observations, reward, terminated, truncated, last, *told
+
+
+class Cluster(gym.vector.VectorEnv):
+    """N robots over as many actors: the same numbers as those of `FootstepVectorEnv`."""
+
+    metadata = env.FootstepVectorEnv.metadata
+
+    def __init__(self, num_envs, actors, staggered=False, **settings):
+        import ray
+
+        with closing(env.FootstepVectorEnv(1, cores=1, **settings)) as one:
+            self.world = one.world  # of which stage 04 writes down the settings
+            self.neutral_action = one.neutral_action
+            self.single_observation_space = one.single_observation_space
+            self.single_action_space = one.single_action_space
+        self.num_envs = num_envs
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.staggered = staggered
+        self.shares = np.array_split(np.arange(num_envs), min(actors, num_envs))
+        remote = ray.remote(num_cpus=1)(Part)
+        self.parts = [remote.remote(int(share[0]), len(share), settings) for share in self.shares]
+
+    def ask(self, method, *arguments):
+        """The answers of all actors, who work at the same time; arguments(share) for each."""
+        import ray
+
+        calls = [
+            getattr(part, method).remote(*(argument(share) for argument in arguments))
+            for part, share in zip(self.parts, self.shares)
+        ]
+        try:
+            return ray.get(calls)
+        except ray.exceptions.RayActorError as error:
+            raise robot_model.InputError(
+                "an actor or its machine is gone; --resume continues after the last update"
+            ) from error
+
+    def reset(self, *, seed=None, options=None):
+        """See `FootstepVectorEnv.reset`."""
+        super().reset(seed=seed)
+        less = np.zeros(self.num_envs, int)
+        if self.staggered:  # drawn here, as stage 03 draws it for all robots together
+            less = self.np_random.integers(self.world.max_steps, size=self.num_envs)
+        options = options or {}
+
+        def own(share):
+            return {name: np.asarray(value)[share] for name, value in options.items()}
+
+        parts = self.ask("reset", lambda _: seed, lambda share: less[share], own)
+        return np.concatenate(parts), {}
+
+    def step(self, actions):
+        """See `FootstepVectorEnv.step`."""
+        parts = self.ask("step", lambda share: actions[share])
+        observations, reward, terminated, truncated, last, *told = map(np.concatenate, zip(*parts))
+        ended = terminated | truncated
+        infos = {}
+        if ended.any():
+            infos = {
+                "final_obs": last,
+                "_final_obs": ended,
+                "final_info": dict(zip(TOLD, told)),
+                "_final_info": ended,
+            }
+        return observations, reward, terminated, truncated, infos
+
+    def close_extras(self, **_):
+        """Ends the actors."""
+        import ray
+
+        for part in self.parts:
+            ray.kill(part)
+
+
+def connect(actors, address=None):
+    """Ray, on this machine or on the cluster at that address; it takes the stages along."""
+    try:
+        import ray
+    except ImportError as error:
+        raise robot_model.InputError(
+            "the cluster needs Ray: python -m pip install ray==2.60.0"
+        ) from error
+    ray.cloudpickle.register_pickle_by_value(sys.modules[Part.__module__])
+    stages = {"working_dir": str(ROOT), "excludes": ["runs", "results", ".git", "tests"]}
+    where = {"address": address} if address else {"num_cpus": actors, "include_dashboard": False}
+    try:
+        ray.init(**where, runtime_env=stages, log_to_driver=False, logging_level="error")
+    except (ConnectionError, ValueError) as error:
+        raise robot_model.InputError(f"--address {address}: no Ray cluster there") from error
+
+
+def train(args):
+    """A whole training: policy.pt and its learning curve, as stage 04 writes them."""
+    connect(args.actors, args.address)
+    make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True, staggered=True)
+    about = {"fits": {"simulator": args.sim}, "imu": False, "noise": True}
+    cfg = replace(ppo.PPOConfig(), num_envs=args.robots)
+    _, rows = ppo.train(cfg, make_envs, args.out, args.steps, args.seed, args.resume, **about)
+    ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
+    print(f"after {rows[-1]['minutes']:.1f} minutes: {args.out / 'policy.pt'}")
+
+
+def walk_block(planner, sim, noise, trials):
+    """The trials of a block, in a process anywhere."""
+    with closing(env.FootstepWorld(len(trials.goals), sim, noise, cores=1)) as world:
+        return evaluate.evaluate(planner, world, trials)
+
+
+def walk_all(args):
+    """The walks of stage 05's --noise, in blocks over the cluster; its table and trials.csv."""
+    import ray
+
+    connect(args.actors, args.address)
+    std = env.Task().goal_std_m
+    trials = evaluate.draw_trials(args.seed, args.episodes)
+    with common.world(args.sim, num_robots=1, cores=1) as world:
+        planners, _, _ = evaluate.choose_planners(world, [args.evaluate])
+    blocks = [
+        replace(trials, goals=trials.goals[first : first + BLOCK], first=first)
+        for first in range(0, args.episodes, BLOCK)
+    ]
+    remote = ray.remote(num_cpus=1)(walk_block)
+    calls = {
+        (name, noise, std): [remote.remote(planner, args.sim, noise, block) for block in blocks]
+        for noise in (False, True)
+        for name, planner in planners.items()
+    }
+    results = {key: common.together(ray.get(parts)) for key, parts in calls.items()}
+    rows = [evaluate.summary(*key, ended, env.Task()) for key, ended in results.items()]
+    evaluate.write_trials(args.out / "trials.csv", {std: trials}, results)
+    print(evaluate.table(rows, evaluate.compare(results)))
+
+
+def weights(model):
+    """All numbers of a policy in a row."""
+    return np.concatenate([value.numpy().ravel() for value in model.state_dict().values()])
+
+
+def study_speed(args):
+    """A short training by stage 04 alone, then with 1, 2 and 4 actors on this machine."""
+    connect(4)
+    settings = {"sim": args.sim, "noise": True, "staggered": True}
+    rows, alone = [], None
+    for actors in (0, 1, 2, 4):
+        make_envs = partial(env.FootstepVectorEnv, **settings)
+        if actors:
+            make_envs = partial(Cluster, actors=actors, **settings)
+        folder = common.work(args.sim, "cluster", f"actors{actors}")
+        begin = time.perf_counter()
+        model, _ = ppo.train(ppo.PPOConfig(), make_envs, folder, SHORT)
+        seconds = time.perf_counter() - begin
+        alone = weights(model) if alone is None else alone
+        rows.append(
+            {
+                "training": f"{actors} actors" if actors else "stage 04 alone",
+                "seconds": seconds,
+                "double_steps_per_second": SHORT / seconds,
+                "equal": bool(np.array_equal(weights(model), alone)),
+            }
+        )
+    return {"rows": rows, "steps": SHORT}
+
+
+def study_robots(args):
+    """Trainings with more robots, as many double steps in all, judged on goals of the tuning."""
+    rows = []
+    for robots, rollout in WIDE:
+        cfg = replace(ppo.PPOConfig(), num_envs=robots, rollout=rollout)
+        folder = common.work(args.sim, "cluster", f"robots{robots}x{rollout}")
+        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=True, staggered=True)
+        model, log = ppo.train(cfg, make_envs, folder, LONG)
+        with common.world(args.sim) as world:
+            planner = evaluate.PolicyPlanner(model)
+            ended = common.walks(planner, world, sets=2, purpose="tuning")
+        told = common.row_of(ended, "policy")
+        facts = {name: told[name] for name in ("success", "fall", "time_mean")}
+        rows.append({"robots": robots, "rollout": rollout, "updates": len(log), **facts})
+    return {"rows": rows, "steps": LONG}
+
+
+PARTS = {"speed": study_speed, "robots": study_robots}
+
+
+def table(found, sim):
+    """Both parts."""
+    counts = dict.fromkeys(("robots", "rollout", "updates"), 0)
+    columns = {
+        "speed": {"training": 0, "seconds": 1, "double_steps_per_second": 0, "equal": 0},
+        "robots": counts | {"success": 3, "fall": 4, "time_mean": 2},
+    }
+    return common.sections(found, columns)
+
+
+def found(data):
+    """Sentences by name, from the numbers of both simulators."""
+    alone, *actors = data["mujoco"]["speed"]["rows"]
+    robots = data["pymunk"]["robots"]
+    speeds = {row["training"]: row["double_steps_per_second"] for row in (alone, *actors)}
+    told = ", ".join(f"{speed:.0f} with {name}" for name, speed in speeds.items())
+    equal = all(row["equal"] for row in actors)
+    times = [
+        f"{row['time_mean']:.1f} s with {row['robots']} robots and rollouts of {row['rollout']}"
+        for row in robots["rows"]
+    ]
+    return {
+        "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
+        f"stage 04 alone, bit for bit.",
+        "speed": f"Double steps per second in 3-D, on one machine: {told}.",
+        "robots": f"After {robots['steps']:,} double steps on the plane the walks take "
+        f"{', '.join(times)}.",
+    }
+
+
+def main(argv=None):
+    parser_flags = {
+        "steps": {"type": int, "default": ppo.STEPS, "help": "double steps of a training"},
+        "robots": {"type": int, "default": 64},
+        "actors": {"type": int, "default": robot_model.CORES, "help": "processes with robots"},
+        "address": {"help": "of a running cluster; else Ray starts here"},
+        "resume": {"action": "store_true", "help": "continue a stopped training"},
+        "evaluate": {"type": Path, "metavar": "POLICY", "help": "walk as stage 05 does"},
+        "episodes": {"type": int, "default": 10_000, "help": "how many goals"},
+        "only": {"choices": PARTS, "help": "measure this"},
+    }
+    args = common.arguments(sys.modules[__name__], argv, **parser_flags)
+    if min(args.steps, args.robots, args.actors, args.episodes) < 1:
+        raise robot_model.InputError("--steps, --robots, --actors and --episodes from 1 on")
+    if args.only:
+        common.publish(sys.modules[__name__], args.only, args)
+    elif args.evaluate:
+        walk_all(args)
+    else:
+        train(args)
+
+
+if __name__ == "__main__":
+    robot_model.start(import_module("cluster").main)  # by its name, as its own processes know it

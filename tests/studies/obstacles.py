@@ -1,0 +1,306 @@
+"""Can a planner that knows nothing of obstacles walk around them? By a chain of intermediate goals.
+
+    python tests/studies/obstacles.py [--mujoco] [--only PART] [--out FOLDER]
+
+Discs stand on the ground (the paper's outlook, section IV). The shortest way around them is computed
+once, from the true start on the true map: over the corners of polygons around the discs, inflated by
+MARGIN (a visibility graph). Its corners are the intermediate goals. On the way the robot knows only
+the noisy estimate of its next goal, as always, also to decide when it is near enough to take the one
+after it. So any planner stands behind the chain, unchanged.
+A walk touches if, at any time, a sole or the torso's column comes over a disc (a swinging foot,
+too). Beside it the same goals without discs.
+"""
+
+from dataclasses import dataclass
+
+import common
+import matplotlib.pyplot as plt
+import networkx  # PyTorch brings it along
+import numpy as np
+from common import RESULTS, env, evaluate, robot_model
+from matplotlib.animation import FuncAnimation
+
+DURATION = "2 minutes; 3-D: 6 minutes"
+FIELDS = 200
+SEED = 0  # of the stream "evaluation"; margin and nearness were chosen in "tuning"
+DISCS = 3, 8  # how many, from … to …
+RADIUS = 0.10, 0.25  # [m]
+DISTANCE = 2.0, 3.0  # [m] of the goal
+ASIDE = 0.8  # [m] of a disc beside the straight way, at most
+MARGIN = 0.32  # [m] from a disc's edge to where the torso's middle may go
+CORNERS = 16  # of the polygon around a disc
+NEAR = 0.25  # [m] to the next goal, as estimated: then follows the one after it
+TORSO = 0.12  # [m] radius of its column
+SPEED = 0.35  # [m/s] straight ahead, about what 3-D robots reach; the times are compared with it
+
+
+@dataclass
+class Field:
+    """Discs [k, 3] (x, y, radius [m]), and the way [c, 3] around them: poses, the last is the goal."""
+
+    discs: np.ndarray
+    way: np.ndarray
+
+    @property
+    def length(self):
+        """From the origin over all corners [m]."""
+        return np.linalg.norm(np.diff(self.way[:, :2], axis=0, prepend=0), axis=1).sum()
+
+
+def gaps(start, end, discs):
+    """How far straight lines from start to end [..., 2] pass from the discs' middles, [..., k] [m]."""
+    line = (end - start)[..., None, :]
+    to = discs[:, :2] - start[..., None, :]  # [..., k, 2]
+    # The nearest point of the line, as a share of it
+    share = np.clip((to * line).sum(-1) / np.maximum((line**2).sum(-1), 1e-9), 0, 1)
+    return np.linalg.norm(to - share[..., None] * line, axis=-1)
+
+
+def shortest_way(goal, discs):
+    """Corners [c, 3] from the origin to the goal [3] that keep MARGIN, or None. A corner looks where
+    the way goes on.
+    """
+    reach = discs[:, 2] + MARGIN  # [k]
+    angle = np.arange(CORNERS) / CORNERS * 2 * np.pi
+    circle = np.stack([np.cos(angle), np.sin(angle)], -1) / np.cos(np.pi / CORNERS)
+    corners = discs[:, None, :2] + reach[:, None, None] * circle  # [k, CORNERS, 2]
+    points = np.vstack([[[0, 0]], goal[None, :2], corners.reshape(-1, 2)])
+    i, j = np.triu_indices(len(points), 1)  # every pair of points; which ones see each other?
+    free = (gaps(points[i], points[j], discs) > reach - 1e-9).all(-1)
+    length = np.linalg.norm(points[i] - points[j], axis=1)
+    graph = networkx.Graph()
+    graph.add_nodes_from((0, 1))
+    graph.add_weighted_edges_from(zip(i[free].tolist(), j[free].tolist(), length[free]))
+    if not networkx.has_path(graph, 0, 1):
+        return None
+    path = points[networkx.shortest_path(graph, 0, 1, "weight")]  # [c + 1, 2]
+    legs = np.diff(path, axis=0)
+    heading = np.append(np.arctan2(*legs[1:, ::-1].T), goal[2])
+    return np.column_stack([path[1:], heading])
+
+
+def draw_field(rng):
+    """A field in which a disc stands in the way, and a detour exists."""
+    while True:
+        angle, yaw = rng.uniform(-np.pi, np.pi, 2)
+        goal = np.array([rng.uniform(*DISTANCE), 0, 0])
+        count = rng.integers(DISCS[0], DISCS[1] + 1)
+        along, aside = rng.uniform([0, -ASIDE], [goal[0], ASIDE], (count, 2)).T
+        discs = np.column_stack([along, aside, rng.uniform(*RADIUS, count)])
+        # All of it is turned: the goal may also be behind the robot.
+        discs[:, :2] = robot_model.turned(discs[:, :2], angle)
+        goal[:2] = robot_model.turned(goal[:2], angle)
+        goal[2] = yaw
+        blocked = (gaps(np.zeros(2), goal[:2], discs) < discs[:, 2] + MARGIN).any()
+        way = shortest_way(goal, discs) if blocked else None
+        if way is not None:
+            return Field(discs, way)
+
+
+def draw_fields(count, purpose="evaluation"):
+    """Fields, and the Trials of their goals; a field does not depend on `count`."""
+    fields = [draw_field(env.stream(purpose, SEED, i)) for i in range(count)]
+    return fields, evaluate.Trials(np.array([field.way[-1] for field in fields]), SEED, purpose)
+
+
+class Chain:
+    """A planner behind intermediate goals: robot i walks along ways[i], poses [c, 3]."""
+
+    def __init__(self, planner, world, ways):
+        self.planner = planner
+        self.world = world
+        self.ways = ways
+
+    def reset(self, num_robots):
+        self.next = np.zeros(num_robots, int)
+        self.planner.reset(num_robots)
+        self.aim(np.arange(num_robots))
+
+    def aim(self, robots):
+        """The next goal of these robots is now that of the world."""
+        self.world.set_goal(robots, [self.ways[i][self.next[i]] for i in robots])
+
+    def act(self, view):
+        left = np.array([len(self.ways[i]) - 1 - self.next[i] for i in view.robots])
+        near = (env.polar(view.goal)[0] < NEAR) & (left > 0)  # [n]
+        robots = view.robots[near]
+        if len(robots):
+            self.next[robots] += 1
+            self.aim(robots)
+            seen = self.world.look(robots)
+            view.goal[near], view.observation[near] = seen.goal, seen.observation
+        return self.planner.act(view)
+
+
+def touching(robot, motion, fields):
+    """Did a sole or the torso come over a disc? [n] bool, of as many fields."""
+    torso, joints = motion.torso[:, ::4], motion.joints[:, ::4]  # every 40 ms
+    points, turn = robot_model.body_points(robot, torso, joints)  # ankle: point 2
+    yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [n, t, 2]
+    found = []
+    for i, field in enumerate(fields):
+        discs = field.discs  # [k, 3]
+        ankles = points[i, :, :, None, 2, :2]  # [t, 2, 1, 2]
+        # The disc's middle seen from a foot [t, 2, k]; how far outside of the sole it is
+        x, y = np.moveaxis(robot_model.turned(discs[:, :2] - ankles, -yaw[i, ..., None]), -1, 0)
+        middle = np.array([[1], [-1]]) * robot.foot_outward  # left, right
+        ahead = np.maximum(np.maximum(x - robot.foot_front, -x - robot.foot_back), 0)
+        aside = np.maximum(np.abs(y - middle) - robot.foot_width / 2, 0)
+        column = np.linalg.norm(discs[:, :2] - torso[i, :, None, :2], axis=-1) - TORSO  # [t, k]
+        found.append((np.hypot(ahead, aside) < discs[:, 2]).any() or (column < discs[:, 2]).any())
+    return np.array(found)
+
+
+def walk_fields(planner, world, fields, trials):
+    """The walks of `evaluate` around the discs, and who touched."""
+    touched = np.zeros(len(fields), bool)
+
+    def watch(robots, motion):
+        own = [fields[i] for i in robots]
+        touched[robots] |= touching(world.engine.robot, motion, own)
+
+    chain = Chain(planner, world, [field.way for field in fields])
+    return evaluate.evaluate(chain, world, trials, watch) | {"touched": touched}
+
+
+def planners(sim):
+    """Those that walk here, by name."""
+    tuned = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
+    return {
+        "policy": common.policy(RESULTS / sim / "policy.pt", sim),
+        "baseline_tuned": tuned,
+    }
+
+
+def study(args):
+    """Both planners around the discs, and to the same goals without discs."""
+    fields, trials = draw_fields(FIELDS)
+    straight = np.linalg.norm(trials.goals[:, :2], axis=1)
+    length = np.array([field.length for field in fields])
+    rows = []
+    with common.world(args.sim, num_robots=FIELDS) as world:
+        for name, planner in planners(args.sim).items():
+            for discs in (True, False):
+                if discs:
+                    ended = walk_fields(planner, world, fields, trials)
+                else:
+                    ended = evaluate.evaluate(planner, world, trials)
+                reached = ended["outcome"] == "success"
+                least = (length if discs else straight)[reached] / SPEED  # [s]
+                rows.append(
+                    {
+                        "planner": name,
+                        "discs": discs,
+                        "arrived": float(reached.mean()),
+                        "touches": float(ended["touched"].mean()) if discs else None,
+                        "fall": float(np.mean(ended["outcome"] == "fall")),
+                        "time": float(ended["time"][reached].mean()),
+                        "time_over_way": float(ended["time"][reached].mean() / least.mean()),
+                    }
+                )
+    return {"rows": rows, "fields": FIELDS, "longer": float(length.mean() / straight.mean())}
+
+
+def recorded(sim, name, numbers):
+    """The fields with these numbers, and what physics did in each of them, as `record` gives it."""
+    fields, trials = draw_fields(max(numbers) + 1)
+    with common.world(sim, num_robots=1, cores=1) as world:
+        for i in numbers:
+            chain = Chain(planners(sim)[name], world, [fields[i].way])
+            one = evaluate.Trials(trials.goals[i : i + 1], SEED, first=i)
+            yield fields[i], next(evaluate.record(chain, world, one))
+
+
+def draw_discs(axes, field, camera):
+    """Discs, grey, and the shortest way around them."""
+    angle = np.linspace(0, 2 * np.pi, 60)
+    circle = np.stack([np.cos(angle), np.sin(angle)], -1)
+    for x, y, radius in field.discs:
+        outline = [x, y] + radius * circle
+        axes.fill(*(camera[1:, :2] @ outline.T), color="0.45", lw=0, zorder=0.4)
+    way = np.vstack([[0, 0], field.way[:, :2]])
+    axes.plot(*(camera[1:, :2] @ way.T), "k:", lw=1, zorder=0.4)
+
+
+SHOWN = 0, 1, 2  # fields of the figure; the film shows the first
+
+
+def plot(found, sim):
+    """Three fields from above."""
+    figure, grid = plt.subplots(1, len(SHOWN), figsize=(13.2, 4.8))
+    camera = robot_model.camera_at(-90, 90)
+    for axes, (field, walk) in zip(grid, recorded(sim, "policy", SHOWN)):
+        draw_discs(axes, field, camera)
+        evaluate.draw_way(axes, walk["goal"], walk["feet"], camera)
+        axes.plot(*walk["torso"][:, :2].T, "k", lw=1)
+        title = f"{walk['ending']}; shortest way {field.length:.1f} m"
+        axes.set(title=title, aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    figure.suptitle(
+        f"The policy around discs; dotted: the shortest way that keeps {MARGIN} m from them; "
+        f"line: the torso, with noise ({sim})"
+    )
+    return figure
+
+
+def study_film(args, every=10):
+    """The walk through the first field, obstacles.gif beside the table."""
+    camera = robot_model.camera_at()
+    ((field, walk),) = recorded(args.sim, "policy", SHOWN[:1])
+    figure, axes = plt.subplots(figsize=(7, 4))
+    seen = np.vstack([[0, 0], field.way[:, :2], field.discs[:, :2]]) @ camera[1:, :2].T  # [c, 2]
+    (left, low), (right, high) = seen.min(0) - [0.4, 0.3], seen.max(0) + [0.4, 0.8]
+    ticks = len(walk["torso"])
+
+    def draw(tick):
+        tick = min(tick, ticks - 1)
+        feet = walk["feet"][: (tick + 1) * len(walk["feet"]) // ticks]
+        now = walk["torso"][tick], walk["joints"][tick]
+        evaluate.draw_scene(axes, walk["goal"], feet, *now, f"policy, {tick / 100:.1f} s")
+        draw_discs(axes, field, camera)
+        axes.axis([left, right, low, high])
+
+    film = FuncAnimation(figure, draw, [*range(0, ticks, every), *[ticks] * 20])
+    robot_model.atomic_write(
+        args.out / "obstacles.gif", lambda file: film.save(file, "pillow", 200 / every, dpi=70)
+    )
+    plt.close(figure)
+    return {"ending": walk["ending"]}
+
+
+PARTS = {"walks": study, "film": study_film}
+
+
+def table(found, sim):
+    """Both planners, around the discs and without them."""
+    columns = {
+        "planner": 0,
+        "discs": 0,
+        "arrived": 3,
+        "touches": 3,
+        "fall": 3,
+        "time": 1,
+        "time_over_way": 2,
+    }
+    return common.sections(found, {"walks": columns})
+
+
+def found(data):
+    """Sentences by name, from the numbers of both simulators."""
+    walks = data["mujoco"]["walks"]
+    around, straight = (
+        common.pick(walks["rows"], planner="policy", discs=discs)[0] for discs in (True, False)
+    )
+    tuned = common.pick(walks["rows"], planner="baseline_tuned", discs=True)[0]
+    return {
+        "discs": f"In {walks['fields']} fields of discs the policy arrives in "
+        f"{common.share(around['arrived'], 1)} of the walks, and touches a disc in "
+        f"{common.share(around['touches'], 1)}; `baseline_tuned` in "
+        f"{common.share(tuned['arrived'], 1)} and {common.share(tuned['touches'], 1)}.",
+        "time": f"The policy needs {around['time_over_way']:.2f} times what the shortest detour "
+        f"would take at {SPEED} m/s, and {straight['time_over_way']:.2f} times that of the straight "
+        "way without discs.",
+    }
+
+
+if __name__ == "__main__":
+    common.start("obstacles")
