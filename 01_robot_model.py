@@ -446,7 +446,8 @@ def mujoco_model(robot):
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: aids of the solver. It is faster here without them.
-    contype 0: only the three listed pairs of shapes can touch.
+    contype 0: only the listed pairs of shapes can touch.
+    hfield: a map of heights for uneven ground, far below until `lay_blocks` raises it.
     condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
         three numbers of `friction` are for turning and rolling: condim 4 and 6.)
     """
@@ -472,8 +473,12 @@ def mujoco_model(robot):
         <joint armature="{robot.armature}"/>
         <position kp="{robot.stiffness}"/>
       </default>
+      <asset>
+        <hfield name="blocks" nrow="160" ncol="160" size="4 4 1 0.1"/>
+      </asset>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>
+        <geom name="blocks" type="hfield" hfield="blocks" pos="0 0 -1"/>
         <body name="torso">
           <freejoint/>
           {inertial(robot.torso)}
@@ -485,6 +490,8 @@ def mujoco_model(robot):
         <pair geom1="ground" geom2="left sole"/>
         <pair geom1="ground" geom2="right sole"/>
         <pair geom1="left sole" geom2="right sole"/>
+        <pair geom1="blocks" geom2="left sole"/>
+        <pair geom1="blocks" geom2="right sole"/>
       </contact>
     </mujoco>""")
 
@@ -552,6 +559,15 @@ class MujocoSim:
             model.actuator_biasprm[:, 1] *= body.stiffness[row]
             model.dof_frictionloss[6:] = body.stiction[row]
             mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
+
+    def lay_blocks(self, robots, heights):
+        """Uneven ground until their next reset: heights [n, 40, 40] [m] of blocks 0.2 m wide, up to
+        4 m from the origin; where the robots stand it stays flat.
+        """
+        for i, height in zip(robots, heights):
+            height[19:21, 19:21] = 0
+            self.models[i].hfield_data = np.kron(height, np.ones((4, 4))).ravel()  # 4 samples each
+            self.models[i].geom("blocks").pos = 0
 
     def run(self, robots, trajectory):
         """Let these robots [n] follow their trajectory; returns their Motion."""
@@ -841,10 +857,15 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
 
 
 # ------------------------------------------------------------------------ demonstration
-# Trunk and head: heights of both ends of a line in the torso's frame [m]; the head is only drawn.
-# Then colour and radius [m] of all lines: these two; thigh, shin, foot of the left, the right leg.
-UPPER_ENDS = np.array([[0.05, 0.24], [0.36, 0.36]])
-LINES = (("0.8", 0.085), ("0.88", 0.055), *itertools.product(COLORS, (0.036, 0.029, 0.016)))
+# Trunk, head and nose: both ends of a line in the torso's frame [m]; the last two are only drawn.
+# Then colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
+UPPER_ENDS = np.array(
+    [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
+)
+LINES = (
+    *(("0.8", 0.085), ("0.88", 0.055), ("0.3", 0.016)),
+    *itertools.product(COLORS, (0.036, 0.029, 0.016)),
+)
 
 
 def camera_at(azimuth=-60, elevation=20):
@@ -867,21 +888,18 @@ def draw_robots(axes, robot, torso, joints, camera):
     camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
     points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
-    up = rotation(*torso[:, 3:].T)[:, None, None, :, 2]  # [K, 1, 1, 3] along the torso
-    upper = torso[:, None, None, :3] + UPPER_ENDS[..., None] * up  # [K, 2, 2, 3]
+    turn = rotation(*torso[:, 3:].T).swapaxes(1, 2)  # [K, 3, 3]
+    upper = torso[:, None, None, :3] + UPPER_ENDS @ turn[:, None]  # [K, 3, 2, 3]
     # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
     legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
-    seen = np.concatenate([upper, legs], 1) @ camera.T  # [K, 8, 2, 3] first: towards the camera
+    seen = np.concatenate([upper, legs], 1) @ camera.T  # [K, 9, 2, 3] first: towards the camera
     count = len(torso)
-    # The farthest first: a line is as near as the nearer one of its ends.
-    for k, j in sorted(np.ndindex(count, 8), key=lambda line: seen[line][:, 0].max()):
+    # The earliest moment first, then the farthest line: it is as near as the nearer of its ends.
+    for k, j in sorted(np.ndindex(count, 9), key=lambda kj: (kj[0], seen[kj][:, 0].max())):
         start, end = seen[k, j, :, 1:]
         color, radius = LINES[j]
         color = 1 - (1 - np.array(to_rgb(color))) * (k + 1) / count
         axes.fill(*capsule(start, end, radius).T, color=color, ec=color / 2, lw=0.6)
-        # On it a thinner, lighter line: light comes from above.
-        light = capsule(start, end, radius / 2) + radius * np.array([-0.2, 0.2])
-        axes.fill(*light.T, color=0.6 * color + 0.4)
 
 
 def draw_ground(axes, camera, size=2):

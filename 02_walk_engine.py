@@ -408,6 +408,10 @@ def plot_push(robot, torso, joints, path, title):
     for panel, name, pose, angles in zip(panels, names, torso[:, 40::50], joints[:, 40::50]):
         robot_model.draw_ground(panel, camera, 1)
         robot_model.draw_robots(panel, robot, pose, angles, camera)
+        _, x, y = camera @ torso[0, 72, :3]  # where both are pushed
+        panel.annotate(
+            "push", (x, y + 0.1), (x - 0.45, y + 0.1), arrowprops={"width": 3}, va="center"
+        )
         panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
     robot_model.save_figure(figure, path)
 

@@ -57,6 +57,8 @@ class Task(robot_model.Checked):
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
+    beyond_m: float = 1.5  # [m] farther goals are observed as an intermediate one; ours
+    ahead_m: float = 1.0  # [m] which is so far ahead; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
@@ -66,7 +68,7 @@ class Task(robot_model.Checked):
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
     s_time: float = 0.04  # [-] cost of a double step; ours. γ is the discount of stage 4:
     #                       a reward t double steps ahead counts γᵗ times. So walking without end
-    #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 2 with γ = 0.98.
+    #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 with γ = 0.95.
 
     above_zero = ("time_limit",)
 
@@ -82,6 +84,7 @@ class Spread(robot_model.Checked):
     stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
     delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
     gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
+    blocks: float = 0.0  # [m] 0 to this: heights of blocks on the ground, only in 3-D
 
     def __post_init__(self):
         super().__post_init__()
@@ -196,6 +199,15 @@ def encode_goal(goal):
     ], -1)  # fmt: skip
 
 
+def intermediate(goal, task=Task()):
+    """What a policy observes instead of goals [n, 3] beyond `beyond_m`: a goal `ahead_m` away in the
+    same direction, and turned there. So it learns to walk ahead, which is faster than sideways.
+    """
+    d, _, beta = polar(goal)
+    ahead = np.stack([task.ahead_m * np.cos(beta), task.ahead_m * np.sin(beta), beta], -1)
+    return np.where(d[:, None] > task.beyond_m, ahead, goal)
+
+
 # ------------------------------------------------------------------------ actions
 def to_footsteps(action, limits):
     """Actions [..., 6] in [0, 1] as footsteps [..., 2, 3]: 0 is the lower limit, 1 the upper."""
@@ -230,7 +242,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
     episode all but the ends cancel, Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start. So a closed path pays
     nothing. With a discount γ < 1 its beginning counts more than its end: towards the goal and back
     pays a little, away and back costs a little. It is no loophole: a step of 0.34 m towards the
-    goal and one back pay 0.34·(1 − γ) = 0.007 with γ = 0.98, and the two double steps cost 0.08.
+    goal and one back pay 0.34·(1 − γ) = 0.017 with γ = 0.95, and the two double steps cost 0.08.
     (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ. Its discounted sum
     Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0 depends on the ends only, so where Φ_T is 0 the best
     policy stays the same.)
@@ -334,6 +346,8 @@ class FootstepWorld:
     ):
         if sim not in LIMITS or num_robots < 1:
             raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
+        if spread.blocks and sim == "pymunk":
+            raise ValueError("blocks on the ground need MuJoCo")
         self.sim = sim
         self.noise = noise
         self.push = checked("push", push)
@@ -389,6 +403,11 @@ class FootstepWorld:
         body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
         self.friction[robots] = body.friction
         self.simulator.reset(robots, body)
+        if self.spread.blocks:
+            self.simulator.lay_blocks(
+                robots,
+                [rng.uniform(0, self.spread.blocks, (40, 40)) for rng in self.rngs[robots, WORLD]],
+            )
         self.engine.reset(robots)
         self.gyro_offset[robots] = [
             rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.rngs[robots, GYRO]
@@ -432,7 +451,9 @@ class FootstepWorld:
         imu[:, :2] /= 0.25  # [rad] in the table's unit
         actions = self.actions[robots]
         # From [0, 1] to [−1, 1]
-        observation = np.hstack([encode_goal(goal), 2 * actions.reshape(-1, 12) - 1, imu])
+        observation = np.hstack(
+            [encode_goal(intermediate(goal, task)), 2 * actions.reshape(-1, 12) - 1, imu]
+        )
         return View(
             robots=np.array(robots),
             goal=goal,
@@ -604,15 +625,19 @@ class FootstepEnv(gym.Env):
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
-        """The robot and its goal (a green star), uint8 [400, 400, 3]; the camera follows it."""
+        """The robot and its goal (a green arrow along its yaw), uint8 [400, 400, 3]; both are in
+        the picture."""
         figure, axes = plt.subplots(figsize=(4, 4))
         camera = robot_model.camera_at()
         robot_model.draw_ground(axes, camera, 4)
-        axes.plot(*(camera[1:, :2] @ self.world.goal[0, :2]), "*", color="tab:green", ms=15)
+        x, y, yaw = self.world.goal[0]
+        ends = camera[1:, :2] @ [[x, x + 0.3 * np.cos(yaw)], [y, y + 0.3 * np.sin(yaw)]]  # [2, 2]
+        axes.plot(*ends, "-o", color="tab:green", lw=4, markevery=2)  # a dot where it begins
         torso, joints = self.seen
         robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], camera)
-        _, x, y = camera @ torso[:3]
-        axes.axis([x - 0.6, x + 0.6, y - 0.6, y + 0.6])
+        corners = np.column_stack([ends, camera[1:] @ torso[:3]])  # [2, 3]
+        xlim, ylim = np.column_stack([corners.min(1) - 0.5, corners.max(1) + 0.5])
+        axes.set(xlim=xlim, ylim=ylim)
         figure.canvas.draw()
         picture = np.array(figure.canvas.buffer_rgba())[..., :3]
         plt.close(figure)
@@ -648,7 +673,7 @@ def plot_rewards(means, paid, path, title):
     bars.barh(words, means["random"], 0.8, color="0.8", label="random")
     bars.barh(words, means["hand-written"], 0.4, color="tab:cyan", label="hand-written")
     bars.set_xscale("symlog", linthresh=1)  # linear from −1 to 1, logarithmic beyond
-    bars.set(title=title, xlabel="sum of all rewards / ended episodes [1]")
+    bars.set(title=title, xlabel="sum of all rewards / ended episodes [1], beyond ±1 logarithmic")
     bars.invert_yaxis()
     bars.legend()
     curves.plot(paid.cumsum(0), label=words)

@@ -94,7 +94,7 @@ class PPOConfig:
     epochs: int = 10  # how often every sample is used (n_epochs) [8]
     minibatch: int = 512  # samples per gradient step (batch_size) [own]
     learning_rate: float = 1e-3  # of Adam at the start; falls linearly to 0 [own]
-    gamma: float = 0.98  # γ, discount per double step: 50 ahead, rewards count 0.98⁵⁰ = 0.36 [own]
+    gamma: float = 0.95  # γ, discount per double step: 20 ahead, rewards count 0.95²⁰ = 0.36 [own]
     lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, see `gae` (gae_lambda) [8]
     clip: float = 0.2  # ε: beyond 1 ± ε the objective does not grow (clip_range) [7]
     reward_scale: float = 1.0  # so that returns have a size of about 1 to 10 [own]
@@ -213,7 +213,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
                                           cancels
         all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy
     λ between 0 (the first row) and 1 (the last one) lets later errors fade:
-        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 20 steps ahead counts (0.98·0.95)²⁰ = 0.24
+        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 20 steps ahead counts (0.95·0.95)²⁰ = 0.13
     """
     # δ_t = r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan

@@ -193,6 +193,7 @@ class Trials:
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: int  # of the random stream; trial i is number i in it
     purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
+    first: int = 0  # number of the first trial in the stream
 
 
 def draw_trials(seed, count, far=False, purpose="evaluation"):
@@ -216,7 +217,7 @@ def evaluate(planner, world, trials, watch=None):
     n = len(trials.goals)
     everybody = np.arange(n)
     # One generator per trial: what it draws depends neither on the planner nor on other trials.
-    rngs = [env.stream(trials.purpose, trials.seed, i) for i in range(n)]
+    rngs = [env.stream(trials.purpose, trials.seed, trials.first + i) for i in range(n)]
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
@@ -343,18 +344,19 @@ def time_ratio(trials, reference):
 def draw_way(axes, goal, feet, camera):
     """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
 
-    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw.
+    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
+    the prints.
     """
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
-    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.2, 0)], 0)  # [41, 2] [m]
-    shapes = [(goal, disc, "tab:green", 0.8)]  # frame, outline in it, colour, alpha
+    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
+    shapes = []  # frame, outline in it, colour, alpha
     x = np.repeat([ROBOT.foot_front, -ROBOT.foot_back], 2)
     y = np.array([1, -1, -1, 1]) * ROBOT.foot_width / 2
     for poses in feet:
         for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
             sole = np.column_stack([x, y + outward * ROBOT.foot_outward])  # [4, 2] [m]
             shapes.append((pose, sole, color, 0.35))
-    for pose, outline, color, alpha in shapes:
+    for pose, outline, color, alpha in (*shapes, (goal, disc, "tab:green", 0.9)):
         points = pose[:2] + robot_model.turned(outline, pose[2])
         axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
@@ -373,7 +375,7 @@ def plot_footsteps(columns, path):
         panel.set(title=title, aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
     axes[0].set_ylabel("y [m]")
-    goal, left, right = axes[0].patches[:3]  # as `draw_way` drew them
+    left, right, *_, goal = axes[0].patches  # as `draw_way` drew them
     figure.legend(
         [left, right, goal, axes[0].lines[0]],
         ["left foot", "right foot", "goal", "torso on the ground"],
@@ -394,13 +396,16 @@ def draw_scene(axes, goal, feet, torso, joints, title):
 
 
 def plot_race(walks, path, every=10):
-    """Walks to one goal by planner, side by side, at twice their speed, for 12 s at most."""
-    last = min(max(len(walk["torso"]) for walk in walks.values()), 1200) - 1
-    figure, axes = plt.subplots(1, len(walks), figsize=(4.2 * len(walks), 4))
-    ways = np.concatenate([walk["torso"][:last, :2] for walk in walks.values()])
+    """Walks to one goal by planner, side by side, at twice their speed, for 14 s at most."""
+    last = min(max(len(walk["torso"]) for walk in walks.values()), 1400) - 1
+    ways = np.concatenate(
+        [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
+    )
     ways = ways @ robot_model.camera_at()[1:, :2].T  # in the picture
     # A margin [m] for the robot, which is 0.8 m tall
-    xlim, ylim = zip(ways.min(0) - [0.3, 0.2], ways.max(0) + [0.4, 0.9])
+    low, high = ways.min(0) - [0.3, 0.2], ways.max(0) + [0.3, 0.9]
+    width, height = 3.5 * (high - low) / (high - low)[0]
+    figure, axes = plt.subplots(1, len(walks), figsize=(width * len(walks), height + 0.6))
 
     def draw(tick):
         for panel, (name, walk) in zip(axes, walks.items()):
@@ -416,7 +421,7 @@ def plot_race(walks, path, every=10):
                 walk["joints"][now],
                 f"{name}\n{title}",
             )
-            panel.set(xlim=xlim, ylim=ylim)
+            panel.axis([low[0], high[0], low[1], high[1]])
 
     film = FuncAnimation(  # the last picture is repeated
         figure, draw, [*range(0, last, every), *[last + every] * 30]
@@ -459,20 +464,26 @@ def play(world, planners, speed):
     goal = np.zeros(3)  # x, y [m], yaw [rad]
     camera = robot_model.camera_at()
 
-    def position(event):
-        """Where the mouse is on the ground, [2] [m]."""
-        return np.linalg.solve(camera[1:, :2], [event.xdata, event.ydata])
+    def ground(*place):
+        """A place in the picture as a place on the ground, x, y [m]."""
+        return np.linalg.solve(camera[1:, :2], place)
+
+    axes.format_coord = lambda *place: "x {:.2f} m, y {:.2f} m".format(*ground(*place))
+
+    def meant(event):
+        """Is it a goal, not a use of the window's own tools?"""
+        return event.inaxes and not getattr(figure.canvas.toolbar, "mode", "")
 
     def press(event):
         nonlocal clock, arrived
-        if event.inaxes:
-            goal[:] = *position(event), world.pose[0, 2]
+        if meant(event):
+            goal[:] = *ground(event.xdata, event.ydata), world.pose[0, 2]
             world.set_goal(robots, goal)
             clock, arrived = 0, False
 
     def release(event):
-        if event.inaxes:
-            x, y = position(event) - goal[:2]
+        if meant(event):
+            x, y = ground(event.xdata, event.ydata) - goal[:2]
             if x or y:  # it was dragged
                 goal[2] = math.atan2(y, x)
                 world.set_goal(robots, goal)
@@ -480,8 +491,7 @@ def play(world, planners, speed):
     def disturb(plan, robots):
         if " " in keys:
             force = env.walk_engine.push_force(engine.robot, speed)
-            angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
-            plan.push[0, : env.walk_engine.PUSH_TICKS] = robot_model.turned([force, 0], angle)
+            plan.push[0, : env.walk_engine.PUSH_TICKS] = force * push
         if not reflex:
             plan.reflex_gain[:] = 0
 
@@ -491,6 +501,7 @@ def play(world, planners, speed):
     connect("key_press_event", lambda event: keys.append(event.key))
     names = itertools.cycle(planners)
     reflex, fell, due = True, True, 0.0  # due [s]: the next picture
+    pushes = falls = 0
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=goal[None])
@@ -501,16 +512,26 @@ def play(world, planners, speed):
         if fell or "p" in keys:
             planners[name].reset(1)
         reflex ^= "r" in keys  # switched on or off
+        angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
+        push = robot_model.turned([1, 0], angle) * (" " in keys)  # its direction, 0: none
         result = double_step(planners[name], world, robots, disturb)
         keys.clear()
         motion, fell = result["motion"], result["fall"][0]
+        pushes += push.any()
+        falls += fell
         clock += not arrived  # then it stops
         arrived |= result["success"][0]
         seconds = (clock - arrived) * engine.period  # to the first of two inside
         state = "arrived after " if arrived else ""
-        title = f"{name}, reflex {'on' if reflex else 'off'}: {state}{seconds:.1f} s"
+        title = (
+            f"{name}, reflex {'on' if reflex else 'off'}: {state}{seconds:.1f} s\n"
+            f"{pushes} pushes, {falls} falls"
+        )
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
             draw_scene(axes, goal, feet[-20:], torso, joints, title)
+            if push.any():
+                start = torso[:3] - [*(0.4 * push), 0]
+                axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(max(0.001, due - monotonic()))
             due = monotonic() + 10 * ROBOT.control_dt
@@ -642,6 +663,8 @@ def read_goals(path):
         raise robot_model.InputError(
             f"{path}: needs columns x, y, yaw and finite numbers below them ({error})"
         ) from error
+    if (np.abs(goals[:, 2]) > 2 * np.pi).any():
+        print(f"note: {path}: a yaw beyond a full turn; they are read in radians, not in degrees")
     goals[:, 2] = env.wrap(goals[:, 2])
     return goals
 
@@ -655,18 +678,11 @@ def write_trials(path, blocks, results):
     lines = [head.split(",")]
     for (planner, noise, std), ended in results.items():
         trials = blocks[std]
-        stayed, once = np.where([ended["still_there"], ended["reached_once"]], "yes", "no")
-        columns = [
-            range(len(trials.goals)),
-            *trials.goals.T,
-            ended["friction"],
-            ended["outcome"],
-            ended["time"].round(2),
-            ended["steps"],
-            stayed,
-            once,
-            ended["time_once"].round(2),
-        ]
+        columns = [range(len(trials.goals)), *trials.goals.T]
+        for values in ended.values():
+            if values.dtype == bool:
+                values = np.where(values, "yes", "no")
+            columns.append(values.round(12) if values.dtype == float else values)
         first = planner, "yes" if noise else "no", std or "", trials.seed
         lines += [[*first, *cells] for cells in zip(*columns)]
     text = io.StringIO(newline="")
@@ -680,9 +696,10 @@ def load_policy(path, world):
     """
     model, about = ppo.load_policy(path)
     fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
-    if fits.get("simulator") != world.sim:
+    if (trained := fits.get("simulator")) != world.sim:
+        hint = {"mujoco": "add --mujoco", "pymunk": "leave out --mujoco"}.get(trained, "no robot")
         raise robot_model.InputError(
-            f"{path}: trained in {fits.get('simulator')}, but this is {world.sim} (see --mujoco)"
+            f"{path}: trained in {trained}, but this is {world.sim}: {hint}"
         )
     if fits["observation"] != here["observation"]:
         raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
@@ -841,7 +858,7 @@ def main(argv=None):
         plot_footsteps(walks, out / "footsteps.png")
         print(text)
         if args.gif:  # a minute
-            race = {name: walks[name][0] for name in (shown, "baseline_tuned")}
+            race = {name: own[-1] for name, own in walks.items()}
             plot_race(race, out / "animation.gif")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 

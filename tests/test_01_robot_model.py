@@ -807,6 +807,27 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
     assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir()), "MuJoCo's warnings"
 
 
+def test_blocks_are_as_high_as_drawn_until_the_next_reset(make_sim):
+    sim = make_sim("mujoco", 2)
+    heights = np.zeros((1, 40, 40))
+    heights[0, 25, 30] = heights[0, 19, 19] = 0.01  # y from 1 m to 1.2 m, x from 2 m to 2.2 m
+
+    def ground(i, x, y):
+        """Height of the ground: a ray from 1 m above, downward; it does not see the torso."""
+        data = mujoco.MjData(sim.models[i])
+        mujoco.mj_forward(sim.models[i], data)
+        down, hit = np.array([0, 0, -1.0]), np.zeros(1, np.int32)
+        place = np.array([x, y, 1.0])
+        return 1 - mujoco.mj_ray(sim.models[i], data, place, down, None, 1, 1, hit)
+
+    for lay in (True, False):
+        sim.reset([0, 1], bodies(2))
+        if lay:
+            sim.lay_blocks([1], heights)
+        found = [ground(1, 2.1, 1.1), ground(1, 2.4, 1.1), ground(1, 0, 0), ground(0, 2.1, 1.1)]
+        close(found, [0.01 * lay, 0, 0, 0], "only there, and flat where it stands", atol=1e-6)
+
+
 def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
     sim, trajectory = make_sim("pymunk", 2), still("pymunk", 2, 1.5)
     seconds = ROBOT.control_dt * np.arange(trajectory.joints.shape[1])

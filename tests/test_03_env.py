@@ -143,6 +143,21 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     close(encoded.reshape(-1, 8), alone, f"goals of {shape} must not mix")
 
 
+def test_a_distant_goal_is_observed_as_one_on_the_way(make):
+    far, near = TASK.beyond_m * np.array([[1.01], [0.99]])
+    way = np.array([[0.6, -0.8, 0.0]])  # one metre in its direction
+    goals = np.vstack([far * way, near * way]) + [0, 0, 2.0]
+    seen = env.intermediate(goals)
+    ahead = [0.6 * TASK.ahead_m, -0.8 * TASK.ahead_m, math.atan2(-0.8, 0.6)]
+    close(seen[0], ahead, "a goal beyond `beyond_m`: `ahead_m` on the way to it, facing it")
+    close(seen[1], goals[1], "a nearer goal is itself")
+    world = make(env.FootstepWorld, 2, cores=1)
+    world.set_goal([0, 1], goals)
+    view = world.look([0, 1])
+    close(view.goal, goals, "the view's goal is the true one, for every planner", atol=1e-6)
+    close(view.observation[:, :8], env.encode_goal(seen), "a policy sees the other", atol=1e-6)
+
+
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
     plain, more = (make(env.FootstepVectorEnv, 3, sim, cores=1, imu=imu) for imu in (False, True))
@@ -703,6 +718,7 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     (partial(replace, ROBOT.foot), {"mass": 0.0}),
     (partial(replace, ROBOT.foot), {"com": (0, math.nan, 0)}),
     (env.FootstepWorld, {"num_robots": 0}), (env.FootstepEnv, {"sim": "bullet"}),
+    (env.FootstepEnv, {"spread": env.Spread(blocks=0.01)}),
     (env.FootstepEnv, {"push": math.nan}),
 ], ids=str)  # fmt: skip
 def test_impossible_numbers_are_one_line(kind, wrong):

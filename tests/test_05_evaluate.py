@@ -614,7 +614,7 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
 
 @pytest.mark.parametrize("flags, mention", [
     (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
-    (["--policy", "other.pt"], "other.pt: trained in mujoco, but this is pymunk (see --mujoco)"),
+    (["--policy", "other.pt"], "other.pt: trained in mujoco, but this is pymunk: add --mujoco"),
     (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: defines no class Planner"),

@@ -28,7 +28,7 @@ def circle(sim):
     goals = robot_model.relative(poses, np.array([3.0, 0.0, 0.0]))  # [41, 3] seen from it
     nothing = np.zeros((40, 6))
     terms = env.reward_terms(goals[:-1], goals[1:], nothing, nothing, 0.0, 0.0)
-    for gamma in (1.0, 0.98, 0.9):
+    for gamma in (1.0, 0.95, 0.9):
         factors = gamma ** np.arange(40)
         sums = {name: (factors * terms[name]).sum() for name in ("r_d", "r_a", "r_o")}
         print(

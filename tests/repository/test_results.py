@@ -212,6 +212,7 @@ def test_shipped_files_show_something_and_have_a_study():
 def test_who_never_arrives_or_leaves_is_disqualified():
     """All else about points is compared with the shipped ranking in test_ledger."""
     row = {"time_mean": 5.0, "fall": 0.01, "timeout": 0.02, "still_there": 0.8}
+    row |= {"time_median": 5.0, "falls": 1}
     row["walks"] = [["success", "success"], [5.0, 6.0]]
     never, leaves = row | {"time_mean": None, "still_there": None}, row | {"still_there": 0.6}
     rows = {"never.py": [never] * 2, "leaves.py": [row, leaves], "good.py": [row] * 2}
@@ -229,15 +230,71 @@ def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
     assert stop.value.code == 2 and "name of its own" in capsys.readouterr().err
 
 
+# Each of these files first defines README's honest planner; the world is not where they look.
+CHEATS = {
+    "frame": """
+import sys
+class Planner(Planner):
+    def act(self, view):
+        frame = sys._getframe()
+        while frame:
+            world = frame.f_locals.get("world")
+            if hasattr(world, "relative_goal"):
+                view.goal[:] = world.relative_goal(view.robots)
+            frame = frame.f_back
+        return super().act(view)
+""",
+    "step": """
+from importlib import import_module
+World, np = import_module("03_env").FootstepWorld, np
+true_step = World.step
+def step(self, actions, robots, disturb=None):
+    every = np.ones(len(robots), bool)
+    return true_step(self, actions, robots) | {"success": every, "inside": every}
+World.step = step
+""",
+    "reset": """
+from importlib import import_module
+World = import_module("03_env").FootstepWorld
+World.set_goal = lambda self, robots, goals: None
+""",
+    "seed": """
+import sys
+assert "--seed" not in sys.argv, "the goals can be drawn from it"
+""",
+    "files": """
+import json, os, pathlib
+class Planner(Planner):
+    def act(self, view):
+        for path in pathlib.Path().glob("*"):
+            path.write_text(json.dumps([{"time_mean": 0.1}]))
+        os._exit(0)
+""",
+    "rival": "from good import Planner",
+    "hangs": """
+class Planner(Planner):
+    def act(self, view):
+        while True:
+            pass
+""",
+    "bad": "raise ValueError('of mine')",
+}
+
+
 @pytest.mark.slow
-def test_the_leaderboard_ranks_all_files_of_a_folder(tmp_path):
-    """A good planner, and one that raises: the other ones are ranked all the same."""
+def test_cheats_win_nothing_and_the_others_are_ranked(tmp_path):
     planner = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
-    (tmp_path / "good.py").write_text(planner, "utf-8")
-    (tmp_path / "bad.py").write_text("raise ValueError('of mine')", "utf-8")
-    command = [sys.executable, judge.__file__, tmp_path, "--episodes", "3", "--out", tmp_path]
+    for name, more in {"good": "", **CHEATS}.items():
+        (tmp_path / f"{name}.py").write_text(planner + more, "utf-8")
+    command = [sys.executable, judge.__file__, tmp_path, "--episodes", "2", "--out", tmp_path]
+    command += ["--seed", "3", "--patience", "4"]
     done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
-    assert "of mine" in done.stderr and "bad is left out" in done.stderr
+    assert "of mine" in done.stderr, "a student's own error has its traceback"
+    left = set(re.findall(r"^(\w+) is left out: ", done.stderr, re.MULTILINE))
+    assert left == {"files", "rival", "hangs", "bad"}
     board = (tmp_path / "leaderboard.md").read_text("utf-8")
-    assert set(re.findall(r"^\| `(\w+)` ", board, re.MULTILINE)) == {"good", *judge.FIELD}
+    lines = dict(re.findall(r"^\| `(\w+)` +(.*)", board, re.MULTILINE))
+    assert lines.keys() == {"good", "frame", "step", "reset", "seed", *judge.FIELD}
+    for name in ("frame", "step", "reset", "seed"):
+        assert lines[name] == lines["good"], f"{name} is better than what it does honestly"
     assert (tmp_path / "leaderboard.png").stat().st_size > 5000

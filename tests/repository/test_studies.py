@@ -19,6 +19,7 @@ import baseline
 import common
 import kicks
 import numpy as np
+import obstacles
 import pytest
 import seeds
 import walk
@@ -223,3 +224,67 @@ def test_the_least_time_by_hand():
     goals.append([0, -way - 0.06, 2 * turn + 0.18])
     found = seeds.least_time(np.array(goals), world) / 0.6
     close(found, [1, 3, 3, 3], "to the edge of the tolerance, 5 cm and 10°, in whole double steps")
+
+
+# ------------------------------------------------------------------------ obstacles
+DISC = np.array([[1.0, 0.0, 0.2]])
+
+
+def test_the_shortest_way_around_a_disc_is_two_tangents_and_an_arc():
+    goal, reach = np.array([2.0, 0.0, 1.0]), 0.2 + obstacles.MARGIN
+    field = obstacles.Field(DISC, obstacles.shortest_way(goal, DISC))
+    # The tangent from 1 m away touches at the angle arccos(reach) from the line to the middle.
+    tangent, arc = math.sqrt(1 - reach**2), math.pi - 2 * math.acos(reach)
+    shortest = 2 * tangent + arc * reach
+    assert shortest <= field.length < 1.02 * shortest, "a polygon around the disc is a bit longer"
+    for start, end in zip(np.vstack([[0, 0], field.way[:-1, :2]]), field.way[:, :2]):
+        assert (obstacles.gaps(start, end, DISC) > reach - 1e-6).all(), "the way keeps its margin"
+    close(field.way[-1], goal)
+    ahead = np.diff(field.way[:, :2], axis=0)
+    close(field.way[:-1, 2], np.arctan2(ahead[:, 1], ahead[:, 0]), "a corner looks ahead")
+    ring = [[math.cos(a), math.sin(a), 0.3] for a in np.arange(8) * math.pi / 4]
+    assert obstacles.shortest_way(goal, np.array(ring)) is None, "closed all around"
+
+
+@pytest.mark.parametrize("x, y, touches", [
+    (0.108 + 0.05, 0.09, True), (0.108 + 0.11, 0.09, False),  # ahead of the left sole
+    (0.0, 0.09 + 0.06 + 0.05, True), (0.0, 0.09 + 0.06 + 0.11, False),  # beside it
+    (0.0, -0.09 - 0.06 - 0.05, True), (-0.076 - 0.11, -0.09, True), (-0.3, -0.09, False),
+])  # fmt: skip
+def test_a_disc_is_touched_by_soles_and_torso(x, y, touches):
+    """The disc's radius is 0.1 m. The torso stands between the feet, which lie 0.09 m aside."""
+    torso, joints = robot_model.stance(ROBOT)
+    seen = SimpleNamespace(torso=torso[None, None], joints=joints[None, None])
+    field = obstacles.Field(np.array([[x, y, 0.1]]), None)
+    assert obstacles.touching(ROBOT, seen, [field])[0] == touches
+
+
+def test_a_chain_gives_the_next_goal_when_the_last_one_is_near():
+    ways = [np.array([[0.1, 0, 0.5], [1, 0, 0]]), np.array([[2.0, 0, 0], [3, 0, 0]])]
+    asked = []
+    planner = SimpleNamespace(reset=asked.append, act=asked.append)
+    with common.world("pymunk", num_robots=2, noise=False) as world:
+        chain = obstacles.Chain(planner, world, ways)
+        chain.reset(2)
+        close(world.goal, [ways[0][0], ways[1][0]], "first the first ones")
+        for _ in range(2):
+            chain.act(world.look([0, 1]))
+        close(world.goal, [ways[0][1], ways[1][0]], "robot 0 was near, robot 1 is far away")
+    close(asked[-1].goal, world.goal, "seen from the origin", atol=1e-6)
+    close(asked[-1].observation[0, :8], env.encode_goal(world.goal[0]), atol=1e-6)
+
+
+# ------------------------------------------------------------------------ cluster
+@pytest.mark.slow
+def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
+    """In processes of their own, since Ray leaves processes behind in this one."""
+    for folder, script, flags in (
+        ("alone", common.ROOT / "04_ppo.py", []),
+        ("three", common.ROOT / "tests" / "studies" / "cluster.py", ["--actors", "3"]),
+    ):
+        command = [sys.executable, script, "--steps", "2048", "--out", tmp_path / folder, *flags]
+        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    models = [ppo.load_policy(tmp_path / folder / "policy.pt") for folder in ("alone", "three")]
+    for one, other in zip(*(model.state_dict().values() for model, _ in models)):
+        assert torch.equal(one, other), "where a robot walks must not change what it does"
+    assert models[0][1]["fits"] == models[1][1]["fits"]

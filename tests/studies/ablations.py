@@ -3,7 +3,7 @@
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
 long: two trainings as long as the shipped one, beside it; their walks are pushed, too.
-choices: what else could be shipped; chosen on these walks of the tuning stream, pushed ones, too.
+mode: the shipped trainings decide by the mean of their distribution, and by its mode.
 """
 
 import json
@@ -21,7 +21,7 @@ from common import FEW, env, evaluate, ppo, robot_model, share
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40, choices 110"
+DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40, mode 10"
 STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
 
 
@@ -72,14 +72,6 @@ class ModePlanner(evaluate.PolicyPlanner):
             return self.model.policy(seen).mode.numpy()
 
 
-CHOICES = {  # name: what differs from the shipped trainings, and the training seeds
-    "reference": {"seeds": FEW},
-    "decides by the mode (paper)": {"seeds": FEW, "planner": ModePlanner},
-    "rollouts of 32": {"seeds": FEW, "config": {"rollout": 32}},
-    "rollouts of 32, s_c 0.2": {"seeds": (0,), "config": {"rollout": 32}, "task": {"s_c": 0.2}},
-}
-
-
 def judged(planner, sim, reflex=True):
     """A row for 250 near and 250 far noisy goals, walked on one core."""
     walk = None if reflex else common.without_reflex(sim)
@@ -92,7 +84,7 @@ def judged(planner, sim, reflex=True):
 
 def learn(sim, name, seed, steps, folder, cores=None):
     """Train this variant; returns its planner."""
-    variant = (VARIANTS | CHOICES)[name]
+    variant = VARIANTS[name]
     task = replace(env.Task(), **variant.get("task", {}))
     imu = variant.get("imu", False)
 
@@ -144,58 +136,63 @@ def study_ablations(args):
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
 
-def long_row(sim, name, seed, far, push, **which):
-    """The row of a training as long as the shipped ones, made if it is not there; which: walks."""
-    variant = (VARIANTS | CHOICES)[name]
-    folder = common.RESULTS / sim / "seeds" / str(seed)
-    if variant.keys() - {"seeds", "planner"}:  # something differs in the training
+def walked(sim, planner, far, push, walk=None):
+    """The row of a planner on 1,000 noisy goals."""
+    with common.world(sim, push=push, walk=walk) as world:
+        ended = common.walks(planner, world, far, sets=2)
+    return {"push": push, **common.row_of(ended, "policy", far)}
+
+
+def long_row(sim, name, seed, far, push):
+    """The row of a training as long as the shipped ones, made if it is not there."""
+    variant, folder = VARIANTS[name], common.RESULTS / sim / "seeds" / str(seed)
+    if variant:  # something differs in the training
         folder = common.work(sim, "ablations", f"{name}_{seed}_long")
         if not (folder / "policy.pt").is_file():
             learn(sim, name, seed, ppo.STEPS, folder)
     model, _ = ppo.load_policy(folder / "policy.pt")
     log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
-    planner = variant.get("planner", evaluate.PolicyPlanner)(model)
-    walk = common.without_reflex(sim) if "reflex" in variant else None
-    with common.world(sim, push=push, walk=walk) as world:
-        ended = common.walks(planner, world, far, **which)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-    return {
-        "variant": name,
-        "push": push,
-        "seed": seed,
-        "critic": round(critic, 3),
-        **common.row_of(ended, "policy", far),
-    }
+    walk = common.without_reflex(sim) if "reflex" in variant else None
+    row = walked(sim, evaluate.PolicyPlanner(model), far, push, walk)
+    return {"variant": name, "seed": seed, "critic": round(critic, 3), **row}
 
 
 def study_long(args):
     """Two long trainings and the shipped one, with the seed of that one."""
     seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
     jobs = product(("reference", "without the reflex", "with IMU"), (False, True), (0.0, 0.4))
-    rows = [long_row(args.sim, name, seed, far, push, sets=2) for name, far, push in jobs]
+    rows = [long_row(args.sim, name, seed, far, push) for name, far, push in jobs]
     return {"steps": ppo.STEPS, "goals": 2 * common.PER_SET, "rows": rows}
 
 
-def study_choices(args):
-    """Each choice, pushed on the way to far goals, too."""
-    rows = [
-        long_row(args.sim, name, seed, far, push, sets=3, first=50, purpose="tuning")
-        for name, choice in CHOICES.items()
-        for seed in choice["seeds"]
-        for far, push in ((False, 0.0), (True, 0.0), (True, 0.4))
-    ]
-    return {"steps": ppo.STEPS, "goals": 3 * common.PER_SET, "rows": rows}
+def study_mode(args):
+    """Every shipped training by both rules."""
+    rows = []
+    for seed in common.SEEDS[args.sim]:
+        file = common.RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
+        model, _ = ppo.load_policy(file)
+        for rule, kind in (("mean", evaluate.PolicyPlanner), ("mode", ModePlanner)):
+            for far, push in ((False, 0.0), (True, 0.0), (True, 0.4)):
+                row = walked(args.sim, kind(model), far, push)
+                rows.append({"decides by": rule, "seed": seed, **row})
+    return {"goals": 2 * common.PER_SET, "rows": rows}
 
 
-PARTS = {"ablations": study_ablations, "long": study_long, "choices": study_choices}
+PARTS = {"ablations": study_ablations, "long": study_long, "mode": study_mode}
 
 
 def table(found, sim):
     """Every training by every variant or rule."""
     columns = {"seed": 0, "success": 4, "fall": 4, "timeout": 4, "still_there": 3, "time_mean": 2}
-    long = {"variant": 0, "goal_std_m": 1, "push": 1} | columns | {"critic": 2}
+    walked = {"goal_std_m": 1, "push": 1} | columns
     return common.sections(
-        found, {"ablations": {"variant": 0} | columns, "long": long, "choices": long}
+        found,
+        {
+            "ablations": {"variant": 0} | columns,
+            "long": {"variant": 0} | walked | {"critic": 2},
+            "mode": {"decides by": 0} | walked,
+        },
     )
 
 

@@ -73,7 +73,7 @@ def publish(study, part, args):
     found = json.loads(text)  # as when it is read later: keys are texts, tuples lists
     table = study.table(found, args.sim)
     evaluate.write_text(path.with_suffix(".md"), table)
-    if hasattr(study, "plot") and part == [*study.PARTS][0]:  # that is what it shows
+    if hasattr(study, "plot") and part in ([*study.PARTS][0], *getattr(study, "SHOWN", ())):
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
 
@@ -109,6 +109,10 @@ HEADS = {
     "friction": "μ",
     "factor": "size of steps",
     "change": "largest change",
+    "blocks": "blocks up to [m]",
+    "touches": "touches a disc",
+    "arrived": "share that arrives",
+    "time_over_way": "time ÷ (way / 0.35 m/s)",
     "bare": "bare physics",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
@@ -301,6 +305,7 @@ def readme_findings():
         f"*The seed of a training matters little.* {seeds['trainings']}",
         f"*Far away.* {seeds['distances']}",
         f"*The estimate is as good as it claims.* {seeds['estimate']}",
+        f"*Worse sensors (a policy of the robot before).* {kicks['slow']} {kicks['gyro']}",
         f"*Random steps rarely fall.* {walk['random']} There is no rule about combined steps: the "
         "planner has to learn which ones to avoid.",
         f"*The feet drag.* {walk['clearance']}",
@@ -336,7 +341,10 @@ def read_trials(path):
     }
 
 
-STUDIES = "walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark"
+STUDIES = (
+    *("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark"),
+    *("cluster", "obstacles"),
+)
 
 
 def pages():
@@ -346,7 +354,9 @@ def pages():
     parts = {
         ROOT / "README.md": dict(zip(("result", "table", "found"), readme)),
         RESULTS / "STUDIES.md": {
-            name: paragraphs("*Found.*", *said(name).values()) for name in STUDIES
+            name: paragraphs("*Found.*", *said(name).values())
+            for name in STUDIES
+            if any(RESULTS.glob(f"*/studies/{name}.json"))  # it was measured
         },
     }
     for sim in env.LIMITS:

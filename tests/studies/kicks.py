@@ -1,10 +1,11 @@
 """Where does the robot fall? Pushes, other grounds, other bodies, other errors.
 
-    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds] [--out FOLDER]
+    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | blocks] [--out FOLDER]
 
 pushes: far goals with noise. A push acts on the torso for 50 ms; alone it would make the torso
 faster by Δv. On average there is one every 3 s; all planners meet the same ones.
 worlds: the shipped policy, near and far goals with noise. It does not observe the world.
+blocks: far goals with noise, on a floor of blocks 0.2 m wide with drawn heights; only in 3-D.
 """
 
 from dataclasses import replace
@@ -17,25 +18,43 @@ import seeds
 from common import RESULTS, env, robot_model, share
 
 DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 and 20"
-SETS = 1  # of 500 goals, for every push
-
+SETS = 1  # of 500 goals, for every push and world
+FEW = 250  # goals on blocks, where MuJoCo is half as fast
+BLOCKS = (0.005, 0.010)  # [m] heights from 0 to this
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 
 
-def study_pushes(args):
-    """Every planner at every Δv, with the reflex and without it."""
+def everybody(sim, per_set=common.PER_SET, **settings):
+    """Rows of all planners on their way to far goals in such a world, with and without reflex."""
     planners = {
-        "policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
-        **seeds.opponents(args.sim),
+        "policy": common.policy(RESULTS / sim / "policy.pt", sim),
+        **seeds.opponents(sim),
     }
     rows = []
-    for reflex, speed in product((True, False), SPEEDS):
-        walk = None if reflex else common.without_reflex(args.sim)
-        with common.world(args.sim, push=speed, walk=walk) as world:
+    for reflex in (True, False):
+        walk = None if reflex else common.without_reflex(sim)
+        with common.world(sim, num_robots=per_set, walk=walk, **settings) as world:
             for name, planner in planners.items():
-                ended = common.walks(planner, world, far=True, sets=SETS)
-                rows.append({"speed": speed, "reflex": reflex, **common.row_of(ended, name, True)})
+                ended = common.walks(planner, world, True, SETS, per_set=per_set)
+                rows.append({"reflex": reflex, **common.row_of(ended, name, True)})
+    return rows
+
+
+def study_pushes(args):
+    """Everybody at every Δv."""
+    rows = []
+    for speed in SPEEDS:
+        rows += [{"speed": speed, **row} for row in everybody(args.sim, push=speed)]
     return {"goals": SETS * common.PER_SET, "rows": rows}
+
+
+def study_blocks(args):
+    """Everybody on uneven ground, which nobody has met in a training."""
+    rows = []
+    for height in BLOCKS:
+        spread = env.Spread(blocks=height)
+        rows += [{"blocks": height, **row} for row in everybody(args.sim, FEW, spread=spread)]
+    return {"goals": FEW, "rows": rows}
 
 
 class SlowNoise(env.FootstepWorld):
@@ -85,12 +104,12 @@ def study_worlds(args):
     for title, settings in WORLDS.items():
         with common.world(args.sim, **settings) as world:
             for far in (False, True):
-                ended = common.walks(policy, world, far, 4, seeds.POOLED_FIRST)
+                ended = common.walks(policy, world, far, SETS, seeds.POOLED_FIRST)
                 rows.append({"world": title, **common.row_of(ended, "policy", far)})
-    return {"goals": 4 * common.PER_SET, "rows": rows}
+    return {"goals": SETS * common.PER_SET, "rows": rows}
 
 
-PARTS = {"pushes": study_pushes, "worlds": study_worlds}
+PARTS = {"pushes": study_pushes, "worlds": study_worlds, "blocks": study_blocks}
 
 
 def table(found, sim):
@@ -101,6 +120,7 @@ def table(found, sim):
         {
             "pushes": {"speed": 1, "reflex": 0} | columns,
             "worlds": {"world": 0, "goal_std_m": 1, "falls": 0} | columns,
+            "blocks": {"blocks": 3, "reflex": 0} | columns,
         },
     )
 
@@ -146,21 +166,27 @@ def found(data):
         walks = sum(row["episodes"] for row in rows)
         return f"{sum(row['falls'] for row in rows)} of {walks:,} walks"
 
-    near, far = common.values(worlds, "fall", world="pushed by 0.4 m/s every 3 s")
-    slow_near, slow_far = common.values(
-        worlds, "time_mean", world="noise of the goal lasts for seconds"
-    )
+    def pair(key, world, text):
+        return text.format(*common.values(worlds, key, world=world))
+
     outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
     return {
         "pushed": "In 3-D, pushed by 0.4 m/s every 3 s, the policy falls in "
         f"{falls(True)} of the far walks with the reflex and in {falls(False)} without.",
-        "fresh": f"The policy of the robot before falls on fresh goals in {share(near, 1)} of the near and {share(far, 1)} of "
-        "the far walks with such pushes.",
         "grounds": "On the three grounds of the range that was trained it falls in "
         f"{counted('μ = 0.4', 'μ = 0.7', 'μ = 1.0')}; outside of it (two more grounds, and twice "
         f"the spread of masses) in {counted(*outside)}.",
-        "slow": f"If the noise of the goal lasts for seconds, it arrives, but takes "
-        f"{slow_near:.1f} s to near and {slow_far:.1f} s to far goals.",
+        "slow": pair(
+            "time_mean",
+            "noise of the goal lasts for seconds",
+            "If the noise of the goal lasts for seconds, it arrives, but takes {:.1f} s to near and "
+            "{:.1f} s to far goals.",
+        ),
+        "gyro": pair(
+            "fall",
+            "a gyro ten times worse",
+            "With a gyro ten times worse it falls in {:.1%} and {:.1%} of the walks.",
+        ),
     }
 
 
