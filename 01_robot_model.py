@@ -564,8 +564,9 @@ class MujocoSim:
         """Uneven ground until their next reset: heights [n, 40, 40] [m] of blocks 0.2 m wide, up to
         4 m from the origin; where the robots stand it stays flat.
         """
+        heights = np.array(heights)
+        heights[:, 19:21, 19:21] = 0
         for i, height in zip(robots, heights):
-            height[19:21, 19:21] = 0
             self.models[i].hfield_data = np.kron(height, np.ones((4, 4))).ravel()  # 4 samples each
             self.models[i].geom("blocks").pos = 0
 

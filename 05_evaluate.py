@@ -697,7 +697,9 @@ def load_policy(path, world):
     model, about = ppo.load_policy(path)
     fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
     if (trained := fits.get("simulator")) != world.sim:
-        hint = {"mujoco": "add --mujoco", "pymunk": "leave out --mujoco"}.get(trained, "no robot")
+        hint = {"mujoco": "add --mujoco", "pymunk": "leave out --mujoco"}.get(
+            trained, "it walks no robot"
+        )
         raise robot_model.InputError(
             f"{path}: trained in {trained}, but this is {world.sim}: {hint}"
         )

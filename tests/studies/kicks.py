@@ -185,7 +185,7 @@ def found(data):
         "gyro": pair(
             "fall",
             "a gyro ten times worse",
-            "With a gyro ten times worse it falls in {:.1%} and {:.1%} of the walks.",
+            "With a gyro ten times worse it falls in {:.3f} and {:.3f} of the walks.",
         ),
     }
 

@@ -86,7 +86,7 @@ def least_time(goals, world):
     return world.engine.period * np.ceil(np.maximum(ways, turns).clip(1))
 
 
-def study_distances(args, count=100):
+def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
     planners = opponents(args.sim)
     planners["policy"] = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
