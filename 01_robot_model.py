@@ -1074,6 +1074,11 @@ def atomic_write(path, write):
         temporary.unlink(missing_ok=True)
 
 
+def write_text(path, text):
+    """UTF-8 and plain line ends on every system."""
+    atomic_write(path, lambda file: file.write_text(text, encoding="utf-8", newline="\n"))
+
+
 def save_figure(figure, path):
     """Writes the figure, and frees its memory."""
     atomic_write(path, lambda file: figure.savefig(file, dpi=110))

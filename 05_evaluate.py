@@ -24,8 +24,8 @@ is the goal as they know it, x, y [m], yaw [rad], with noise estimated from all 
 (stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
 planners meet the same goals, ground, bodies and pushes, and at their k-th decision the same noise
 (common random numbers), so a difference between two rows is due to the planners. The intervals show
-how far the rate in 500 trials may be from that in infinitely many. `baseline` is as in the paper,
-`baseline_tuned` has settings optimised for this world.
+how far the rate in 500 trials may be from that in infinitely many. `baseline` is the paper's, but
+decides once per double step; `baseline_tuned` has settings optimised for this world.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -36,14 +36,12 @@ import io
 import itertools
 import json
 import math
-import platform
 import runpy
 import sys
 from contextlib import closing
-from dataclasses import dataclass, replace
-from importlib import import_module, metadata
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from time import monotonic
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -144,7 +142,7 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     rest = way - out
     left = np.where(way > 0, out, rest)
     right = -np.where(way > 0, rest, out)  # mirrored
-    return np.stack([np.column_stack([forward, left]), np.column_stack([forward, right])], 1)
+    return np.stack([np.column_stack([forward, side]) for side in (left, right)], 1)
 
 
 class BaselinePlanner:
@@ -173,9 +171,8 @@ class BaselinePlanner:
 class PolicyPlanner:
     """The trained policy without exploring: `ActorCritic.decide` of stage 4."""
 
-    def __init__(self, model, file="a policy"):
+    def __init__(self, model):
         self.model = model
-        self.file = file  # named if its actions are no numbers
         self.columns = model.shape["obs_dim"]  # the rows of the IMU are the last ones
 
     def reset(self, num_robots):
@@ -256,12 +253,8 @@ def double_step(planner, world, robots, disturb=None):
     """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
     file, if its actions are not [n, 6] in [0, 1].
     """
-    name = f"{getattr(planner, 'file', type(planner).__module__)}: actions"
-    try:
-        actions = planner.act(world.look(robots))
-    except SystemExit as error:
-        raise RuntimeError(f"{name} by a call of exit: return them") from error
-    actions = env.checked(name, actions, len(robots), 6)
+    name = f"{type(planner).__module__}: actions"  # the module of your own is its file
+    actions = env.checked(name, planner.act(world.look(robots)), len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1")
     return world.step(actions, robots, disturb)
@@ -349,16 +342,18 @@ def draw_way(axes, goal, feet, camera):
     """
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
     disc = np.append(robot_model.turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
-    shapes = []  # frame, outline in it, colour, alpha
     x = np.repeat([ROBOT.foot_front, -ROBOT.foot_back], 2)
     y = np.array([1, -1, -1, 1]) * ROBOT.foot_width / 2
+
+    def fill(pose, outline, color, alpha):
+        points = pose[:2] + robot_model.turned(outline, pose[2])
+        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
+
     for poses in feet:
         for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
             sole = np.column_stack([x, y + outward * ROBOT.foot_outward])  # [4, 2] [m]
-            shapes.append((pose, sole, color, 0.35))
-    for pose, outline, color, alpha in (*shapes, (goal, disc, "tab:green", 0.9)):
-        points = pose[:2] + robot_model.turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
+            fill(pose, sole, color, 0.35)
+    fill(goal, disc, "tab:green", 0.9)
 
 
 def plot_footsteps(columns, path):
@@ -395,43 +390,33 @@ def draw_scene(axes, goal, feet, torso, joints, title):
     axes.set_title(title)
 
 
-def plot_race(walks, path, every=10):
-    """Walks to one goal by planner, side by side, at twice their speed, for 14 s at most."""
+def plot_race(walks, path, every=10, more=lambda axes: None):
+    """Walks to one goal by planner, side by side, at twice their speed, for 14 s at most. It draws
+    every tenth tick, and calls more(axes) after each.
+    """
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1400) - 1
-    ways = np.concatenate(
-        [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
-    )
-    ways = ways @ robot_model.camera_at()[1:, :2].T  # in the picture
+    ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
+    seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
     # A margin [m] for the robot, which is 0.8 m tall
-    low, high = ways.min(0) - [0.3, 0.2], ways.max(0) + [0.3, 0.9]
-    width, height = 3.5 * (high - low) / (high - low)[0]
-    figure, axes = plt.subplots(1, len(walks), figsize=(width * len(walks), height + 0.6))
+    (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
+    height = 3.5 * (high - low) / (right - left) + 0.6
+    figure, axes = plt.subplots(1, len(walks), figsize=(3.5 * len(walks), height), squeeze=False)
 
     def draw(tick):
-        for panel, (name, walk) in zip(axes, walks.items()):
+        for panel, (name, walk) in zip(axes[0], walks.items()):
             ticks = len(walk["torso"])
             now = min(tick, ticks - 1)
-            done = (now + 1) * len(walk["feet"]) // ticks  # double steps
+            feet = walk["feet"][: (now + 1) * len(walk["feet"]) // ticks]
             title = walk["ending"] if now < tick else f"{now * ROBOT.control_dt:.1f} s"
-            draw_scene(
-                panel,
-                walk["goal"],
-                walk["feet"][:done],
-                walk["torso"][now],
-                walk["joints"][now],
-                f"{name}\n{title}",
-            )
-            panel.axis([low[0], high[0], low[1], high[1]])
+            torso, joints = walk["torso"][now], walk["joints"][now]
+            draw_scene(panel, walk["goal"], feet, torso, joints, f"{name}\n{title}")
+            more(panel)
+            panel.axis([left, right, low, high])
 
-    film = FuncAnimation(  # the last picture is repeated
-        figure, draw, [*range(0, last, every), *[last + every] * 30]
-    )
-    robot_model.atomic_write(
-        path,
-        lambda file: film.save(  # pictures per second: twice its speed
-            file, "pillow", 2 / (every * ROBOT.control_dt), dpi=75
-        ),
-    )
+    # The last picture is repeated. So many a second: twice the robot's speed
+    film = FuncAnimation(figure, draw, [*range(0, last, every), *[last + every] * 30])
+    rate = 2 / (every * ROBOT.control_dt)
+    robot_model.atomic_write(path, lambda file: film.save(file, "pillow", rate, dpi=75))
     plt.close(figure)
 
 
@@ -462,6 +447,7 @@ def play(world, planners, speed):
     robots, engine = np.array([0]), world.engine
     keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = np.zeros(3)  # x, y [m], yaw [rad]
+    pressed = np.zeros(2)  # x, y [m] where the mouse was
     camera = robot_model.camera_at()
 
     def ground(*place):
@@ -475,18 +461,16 @@ def play(world, planners, speed):
         return event.inaxes and not getattr(figure.canvas.toolbar, "mode", "")
 
     def press(event):
-        nonlocal clock, arrived
-        if meant(event):
-            goal[:] = *ground(event.xdata, event.ydata), world.pose[0, 2]
-            world.set_goal(robots, goal)
-            clock, arrived = 0, False
+        pressed[:] = ground(event.xdata, event.ydata) if meant(event) else np.nan
 
     def release(event):
-        if meant(event):
-            x, y = ground(event.xdata, event.ydata) - goal[:2]
-            if x or y:  # it was dragged
-                goal[2] = math.atan2(y, x)
-                world.set_goal(robots, goal)
+        nonlocal clock, arrived
+        if meant(event) and np.isfinite(pressed[0]):
+            x, y = ground(event.xdata, event.ydata) - pressed
+            yaw = math.atan2(y, x) if x or y else world.pose[0, 2]  # was it dragged?
+            goal[:] = *pressed, yaw
+            world.set_goal(robots, goal)
+            clock, arrived = 0, False
 
     def disturb(plan, robots):
         if " " in keys:
@@ -500,7 +484,7 @@ def play(world, planners, speed):
     connect("button_release_event", release)
     connect("key_press_event", lambda event: keys.append(event.key))
     names = itertools.cycle(planners)
-    reflex, fell, due = True, True, 0.0  # due [s]: the next picture
+    reflex = fell = True
     pushes = falls = 0
     while plt.fignum_exists(figure.number):
         if fell:
@@ -533,8 +517,7 @@ def play(world, planners, speed):
                 start = torso[:3] - [*(0.4 * push), 0]
                 axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
-            plt.pause(max(0.001, due - monotonic()))
-            due = monotonic() + 10 * ROBOT.control_dt
+            plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
         feet = np.concatenate([feet, foot_poses(engine.robot, motion.torso, motion.joints)])
 
 
@@ -574,8 +557,9 @@ def summary(planner, noise, std, trials, task):
     for name, who in (("time", reached), ("time_once", once)):
         row[f"{name}_mean"] = known(np.mean, trials[name][who])  # [s]
         row[f"{name}_std"] = known(np.std, trials[name][who])
-    for name, share in (("median", 0.5), ("p95", 0.95)):
-        row[f"time_{name}"] = known(lambda t, q=share: np.quantile(t, q), trials["time"][reached])
+    times = trials["time"][reached]
+    row["time_median"] = known(np.median, times)
+    row["time_p95"] = known(lambda t: np.quantile(t, 0.95), times)
     return row
 
 
@@ -687,7 +671,7 @@ def write_trials(path, blocks, results):
         lines += [[*first, *cells] for cells in zip(*columns)]
     text = io.StringIO(newline="")
     csv.writer(text, lineterminator="\n").writerows(lines)
-    write_text(path, text.getvalue())
+    robot_model.write_text(path, text.getvalue())
 
 
 def load_policy(path, world):
@@ -697,11 +681,8 @@ def load_policy(path, world):
     model, about = ppo.load_policy(path)
     fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
     if (trained := fits.get("simulator")) != world.sim:
-        hint = {"mujoco": "add --mujoco", "pymunk": "leave out --mujoco"}.get(
-            trained, "it walks no robot"
-        )
         raise robot_model.InputError(
-            f"{path}: trained in {trained}, but this is {world.sim}: {hint}"
+            f"{path}: trained in {trained}; this is {world.sim} (with --mujoco mujoco, else pymunk)"
         )
     if fits["observation"] != here["observation"]:
         raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
@@ -711,7 +692,7 @@ def load_policy(path, world):
         if found := [difference for difference in found if not difference.startswith("s_")]:
             print(f"note: {path.as_posix()} was trained with another {kind}: {'; '.join(found)}")
     facts = {key: about.get(key) for key in ("imu", "steps", "minutes", "seed")}
-    return PolicyPlanner(model, path), {"file": path.as_posix(), **facts}
+    return PolicyPlanner(model), {"file": path.as_posix(), **facts}
 
 
 def load_planner(path):
@@ -719,10 +700,7 @@ def load_planner(path):
     if path.suffix != ".py" or not path.is_file():
         raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    try:
-        names = runpy.run_path(str(path), run_name=path.as_posix())
-    except SystemExit as error:
-        raise robot_model.InputError(f"{path}: ends Python when it is read") from error
+    names = runpy.run_path(str(path), run_name=path.as_posix())
     if "Planner" not in names:
         raise robot_model.InputError(f"{path}: defines no class Planner")
     return names["Planner"]()
@@ -743,7 +721,8 @@ def choose_planners(world, policies=(), planners=()):
     """Planners by row name, the facts of the first policy, and the name of the planner to be shown;
     files of policies and planners.
 
-    The first policy is called `policy`, all others like their file, with its folder if need be.
+    The first policy is called `policy`, all others like their file; if two would have the same
+    name, the second one is called by its path.
     """
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
@@ -753,9 +732,7 @@ def choose_planners(world, policies=(), planners=()):
     for path in (*(policies or [default_policy(world.sim)]), *planners):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
-            name = f"{path.resolve().parent.name}/{name}"
-        if name in chosen:
-            raise robot_model.InputError(f"{path}: two planners are called {name}")
+            name = path.with_suffix("").as_posix()
         if path in planners:
             chosen[name] = load_planner(path)
             shown = name if shown == "policy" else shown  # your own, the first one
@@ -769,11 +746,11 @@ def choose_planners(world, policies=(), planners=()):
 # ------------------------------------------------------------------------ command line
 def make_world(args, count, noise=False, push=0.0, cores=None):
     """A world as the command line asks for; with --friction the ground is the same for all."""
-    robot, spread = robot_model.RobotModel(), env.Spread()
+    ground = {}
     if args.friction is not None:
-        robot = replace(robot, friction=args.friction)
-        spread = replace(spread, friction=0.0)
-    return env.FootstepWorld(count, args.sim, noise, push, robot=robot, spread=spread, cores=cores)
+        robot = robot_model.RobotModel(friction=args.friction)
+        ground = {"robot": robot, "spread": env.Spread(friction=0.0)}
+    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **ground)
 
 
 def evaluate_all(args, blocks, planners):
@@ -789,13 +766,6 @@ def evaluate_all(args, blocks, planners):
             for name in tqdm(planners, f"σ {std} m, noise: {noise}", unit=" rows"):
                 results[name, noise, std] = evaluate(planners[name], world, trials)
     return results
-
-
-def write_text(path, text):
-    """UTF-8 and plain line ends on every system."""
-    robot_model.atomic_write(
-        path, lambda file: file.write_text(text, encoding="utf-8", newline="\n")
-    )
 
 
 def main(argv=None):
@@ -835,11 +805,6 @@ def main(argv=None):
         results = evaluate_all(args, blocks, planners)
         rows = [summary(*key, trials, world.task) for key, trials in results.items()]
         ratios = compare(results)
-        made_with = {
-            "python": platform.python_version(),
-            "processor": platform.processor() or platform.machine(),
-            **{name: metadata.version(name) for name in ("numpy", "torch", args.sim)},
-        }
         content = {
             "sim": args.sim,
             "policy": facts,
@@ -847,13 +812,13 @@ def main(argv=None):
             "goals": args.goals or "drawn",
             "friction": "drawn" if args.friction is None else args.friction,
             "push": args.push,
-            "made_with": made_with,
             "rows": rows,
             "ratios": ratios,
         }
         text = table(rows, ratios)
-        write_text(out / "evaluation.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
-        write_text(out / "table.md", text)
+        content = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        robot_model.write_text(out / "evaluation.json", content)
+        robot_model.write_text(out / "table.md", text)
         write_trials(out / "trials.csv", blocks, results)
         names = "baseline", "baseline_tuned", shown
         walks = {name: [*record(planners[name], world, figure_trials)] for name in names}

@@ -581,7 +581,7 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(
     capsys.readouterr()
     planners, facts, shown = evaluate.choose_planners(one_robot, policies, mine)
     names = "policy a/policy imu/policy seed_1 mine b/mine b/baseline baseline_tuned baseline"
-    assert " ".join(planners) == names, "called like the file, with its folder if that is taken"
+    assert " ".join(planners) == names, "called like the file, by its path if that is taken"
     assert (facts["file"], shown) == ("first.pt", "mine"), "your own planner before the policies"
     assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
     said = capsys.readouterr().out
@@ -614,13 +614,10 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
 
 @pytest.mark.parametrize("flags, mention", [
     (["--policy", "text.py"], "text.py: damaged, or not written by 04_ppo.py"),
-    (["--policy", "other.pt"], "other.pt: trained in mujoco, but this is pymunk: add --mujoco"),
+    (["--policy", "other.pt"], "other.pt: trained in mujoco; this is pymunk (with --mujoco mujoco"),
     (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: defines no class Planner"),
-    (["--planner", "leaves.py"], "leaves.py: ends Python when it is read"),
-    (["--planner", "mine.py", "b/mine.py", "c/b/mine.py"],
-     "c/b/mine.py: two planners are called b/mine"),
     (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
 ], ids=str)  # fmt: skip
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
@@ -629,10 +626,6 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     blind["fits"]["observation"] = ["all"]
     ppo.save_plain(Path("blind.pt"), blind)
     Path("text.py").write_text("class Other: pass")
-    Path("leaves.py").write_text("import sys\nsys.exit()")
-    Path("old.py").write_text(PLANNER.replace("view)", "view, robots, measured)").format(line=""))
-    for name in ("mine.py", "b/mine.py", "c/b/mine.py"):
-        own_planner(name)
     assert mention.replace("/", os.sep) in refused(*flags).replace("/", os.sep)
 
 
@@ -653,23 +646,16 @@ def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, monkeypatch
         evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
 
 
-def test_a_planner_that_ends_python_is_named(world, tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "path", sys.path[:])
-    planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", "raise SystemExit"))
-    with pytest.raises(RuntimeError, match="mine.py: .*exit"):
-        evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
-
-
 def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(short_trials):
     Path("beside.py").touch()
     call("--planner", own_planner("tempfile.py", "import beside"), "--episodes", 1)
 
 
-def test_a_policy_of_nan_is_named(world):
+def test_a_policy_of_nan_is_an_error(world):
     model = ppo.ActorCritic(20, 6)
     model.decide = lambda observation: np.full((len(observation), 6), math.nan)
-    with pytest.raises(ValueError, match="policy.pt: actions must be finite"):
-        evaluate.evaluate(evaluate.PolicyPlanner(model, "policy.pt"), world, to([[0, 0, 0]]))
+    with pytest.raises(ValueError, match="actions must be finite"):
+        evaluate.evaluate(evaluate.PolicyPlanner(model), world, to([[0, 0, 0]]))
 
 
 @pytest.mark.parametrize("error", ["KeyError", "OSError", "ValueError", "SystemError"])
@@ -696,7 +682,6 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     plot_footsteps(short_trials, Path("out/footsteps.png"))
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
-    assert {"python", "numpy", "torch", "pymunk", "processor"} == content["made_with"].keys()
     pairs = {(row["planner"], row["reference"]) for row in content["ratios"]}
     assert ("second", "baseline") in pairs, "not only the first policy is compared with all others"
     names = ["policy", "second", "mine", "baseline_tuned", "baseline"]

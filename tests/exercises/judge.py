@@ -272,7 +272,7 @@ def main():
         finally:
             if isinstance(planner, Contestant):
                 planner.close()
-        evaluate.write_text(args.out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
+        robot_model.write_text(args.out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
         plot(found, args.out / "leaderboard.png")
     print(f"{note}\n\n{ranking(found)}\nwritten: leaderboard.md and .png in {args.out}")
 

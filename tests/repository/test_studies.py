@@ -3,15 +3,12 @@
 import itertools
 import math
 import runpy
-import signal
 import subprocess
 import sys
-import time
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 from types import SimpleNamespace
 
 import ablations
@@ -86,27 +83,10 @@ def test_a_damaged_file_of_a_study_is_one_line(tmp_path):
 
 def test_help_of_common_writes_no_page(monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["common.py", "--help"])
-    monkeypatch.setattr(evaluate, "write_text", pytest.fail)
+    monkeypatch.setattr(robot_model, "write_text", pytest.fail)
     with pytest.raises(SystemExit) as stopped:
         runpy.run_path(common.__file__, run_name="__main__")
     assert stopped.value.code == 0 and "usage" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="no process can be sent Ctrl-C alone there")
-def test_ctrl_c_stops_the_ablations_with_their_workers(tmp_path):
-    command = [sys.executable, Path(ablations.__file__), "--only", "ablations", "--out", tmp_path]
-    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
-        for _ in range(300):
-            time.sleep(0.2)  # until a training has made an update
-            if [*tmp_path.rglob("checkpoint.pt")]:
-                break
-        process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=20)[1]
-    assert process.returncode == 2 and "ablations.py: interrupted" in said, said[-2000:]
-    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
-    time.sleep(4)
-    assert before == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}, "it trains on"
 
 
 def test_walks_are_those_of_stage_05_set_by_set():

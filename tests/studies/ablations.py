@@ -2,27 +2,23 @@
 
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
-long: two trainings as long as the shipped one, beside it; their walks are pushed, too.
-mode: the shipped trainings decide by the mean of their distribution, and by its mode.
+long: the shipped training, deciding by its mean and by its mode, and one as long without the
+reflex; their walks are pushed, too.
 """
 
 import json
-import multiprocessing
-import threading
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
 from itertools import product
 
 import common
-import matplotlib.pyplot as plt
 import numpy as np
 from common import FEW, env, evaluate, ppo, robot_model, share
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "two cores: ablations 40 minutes; in 3-D 80, then long 40, mode 10"
-STEPS, GOALS = 50_000, 500  # double steps of a short training, near and far goals for it
+DURATION = "two cores: ablations 50 minutes; in 3-D 80, then long 20"
+STEPS, GOALS = 25_600, 500  # double steps of a short training, near and far goals for it
 
 
 class GaussianActor(ppo.ActorCritic):
@@ -50,9 +46,11 @@ class GaussianActor(ppo.ActorCritic):
         return np.clip(super().decide(obs), 0, 1)  # its mode and its mean are the same
 
 
+PEER = "Gaussian policy, no sharpening"
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"model": GaussianActor},
+    PEER: {"model": GaussianActor, "config": {"sharpest": 1.0}},
     "no sharpening": {"config": {"sharpest": 1.0}},
     "with IMU": {"imu": True},
     "without the reflex": {"reflex": False},
@@ -60,6 +58,8 @@ VARIANTS = {  # name: what differs from the reference
         f"without r_{k}": {"task": {f"s_{k}": 0.0}}
         for k in ("d", "a", "o", "c", "fall", "goal", "time")
     },
+    "256 robots": {"config": {"num_envs": 256}},
+    "256 robots, rollouts of 4": {"config": {"num_envs": 256, "rollout": 4}},
 }
 
 
@@ -73,16 +73,16 @@ class ModePlanner(evaluate.PolicyPlanner):
 
 
 def judged(planner, sim, reflex=True):
-    """A row for 250 near and 250 far noisy goals, walked on one core."""
+    """A row for 250 near and 250 far noisy goals."""
     walk = None if reflex else common.without_reflex(sim)
-    with common.world(sim, num_robots=GOALS // 2, walk=walk, cores=1) as world:
+    with common.world(sim, num_robots=GOALS // 2, walk=walk) as world:
         parts = [
             common.walks(planner, world, far, sets=1, per_set=GOALS // 2) for far in (False, True)
         ]
     return evaluate.summary("policy", True, None, common.together(parts), env.Task())
 
 
-def learn(sim, name, seed, steps, folder, cores=None):
+def learn(sim, name, seed, steps, folder):
     """Train this variant; returns its planner."""
     variant = VARIANTS[name]
     task = replace(env.Task(), **variant.get("task", {}))
@@ -97,7 +97,6 @@ def learn(sim, name, seed, steps, folder, cores=None):
         staggered=True,
         task=task,
         walk=walk,
-        cores=cores,
     )
     config = ppo.PPOConfig(**variant.get("config", {}))
     model, _ = ppo.train(
@@ -107,45 +106,29 @@ def learn(sim, name, seed, steps, folder, cores=None):
 
 
 def ablate(sim, name, seed):
-    """The row of one short training on one core; that of a finished one lies in its folder."""
+    """The row of one short training; that of a finished one lies in its folder."""
     folder = common.work(sim, "ablations", f"{name}_{seed}")
     path = folder / "row.json"
     if not path.is_file():
-        planner = learn(sim, name, seed, STEPS, folder, cores=1)
+        planner = learn(sim, name, seed, STEPS, folder)
         row = judged(planner, sim, "reflex" not in VARIANTS[name])
-        evaluate.write_text(path, json.dumps(row))
+        robot_model.write_text(path, json.dumps(row))
     return {"variant": name, "seed": seed, **common.read_json(path)}
 
 
-def watch_parent():
-    """First call in a process: it ends when the one that started it is gone."""
-    threading.Thread(target=robot_model.end_with_parent, daemon=True).start()
-
-
 def study_ablations(args):
-    """As many trainings at a time as there are cores."""
-    jobs = list(product([args.sim], VARIANTS, FEW))
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(robot_model.CORES, context, watch_parent) as pool:
-        try:
-            rows = list(tqdm(pool.map(ablate, *zip(*jobs)), total=len(jobs), unit=" trainings"))
-        except KeyboardInterrupt:
-            for child in multiprocessing.active_children():
-                child.terminate()
-            raise
+    """One training after the other."""
+    jobs = [*product(VARIANTS, FEW)]
+    rows = [ablate(args.sim, *job) for job in tqdm(jobs, unit=" trainings")]
     return {"steps": STEPS, "goals": GOALS, "rows": rows}
 
 
-def walked(sim, planner, far, push, walk=None):
-    """The row of a planner on 1,000 noisy goals."""
-    with common.world(sim, push=push, walk=walk) as world:
-        ended = common.walks(planner, world, far, sets=2)
-    return {"push": push, **common.row_of(ended, "policy", far)}
+BY_MODE = "reference, by its mode"
 
 
 def long_row(sim, name, seed, far, push):
-    """The row of a training as long as the shipped ones, made if it is not there."""
-    variant, folder = VARIANTS[name], common.RESULTS / sim / "seeds" / str(seed)
+    """The row of a training as long as the shipped ones, made if it is not there: 1,000 walks."""
+    variant, folder = VARIANTS.get(name), common.RESULTS / sim / "seeds" / str(seed)
     if variant:  # something differs in the training
         folder = common.work(sim, "ablations", f"{name}_{seed}_long")
         if not (folder / "policy.pt").is_file():
@@ -153,61 +136,31 @@ def long_row(sim, name, seed, far, push):
     model, _ = ppo.load_policy(folder / "policy.pt")
     log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-    walk = common.without_reflex(sim) if "reflex" in variant else None
-    row = walked(sim, evaluate.PolicyPlanner(model), far, push, walk)
-    return {"variant": name, "seed": seed, "critic": round(critic, 3), **row}
+    walk = common.without_reflex(sim) if variant else None
+    planner = (ModePlanner if name == BY_MODE else evaluate.PolicyPlanner)(model)
+    with common.world(sim, push=push, walk=walk) as world:
+        row = common.row_of(common.walks(planner, world, far, sets=2), "policy", far)
+    return {"variant": name, "seed": seed, "critic": round(critic, 3), "push": push, **row}
 
 
 def study_long(args):
-    """Two long trainings and the shipped one, with the seed of that one."""
+    """The shipped training by both rules, and the other one with its seed."""
     seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
-    jobs = product(("reference", "without the reflex", "with IMU"), (False, True), (0.0, 0.4))
+    jobs = product(("reference", BY_MODE, "without the reflex"), (False, True), (0.0, 0.4))
     rows = [long_row(args.sim, name, seed, far, push) for name, far, push in jobs]
-    return {"steps": ppo.STEPS, "goals": 2 * common.PER_SET, "rows": rows}
+    return {"steps": ppo.STEPS, "rows": rows}
 
 
-def study_mode(args):
-    """Every shipped training by both rules."""
-    rows = []
-    for seed in common.SEEDS[args.sim]:
-        file = common.RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
-        model, _ = ppo.load_policy(file)
-        for rule, kind in (("mean", evaluate.PolicyPlanner), ("mode", ModePlanner)):
-            for far, push in ((False, 0.0), (True, 0.0), (True, 0.4)):
-                row = walked(args.sim, kind(model), far, push)
-                rows.append({"decides by": rule, "seed": seed, **row})
-    return {"goals": 2 * common.PER_SET, "rows": rows}
+PARTS = {"ablations": study_ablations, "long": study_long}
 
 
-PARTS = {"ablations": study_ablations, "long": study_long, "mode": study_mode}
+LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "critic": 2}
 
 
 def table(found, sim):
-    """Every training by every variant or rule."""
-    columns = {"seed": 0, "success": 4, "fall": 4, "timeout": 4, "still_there": 3, "time_mean": 2}
-    walked = {"goal_std_m": 1, "push": 1} | columns
-    return common.sections(
-        found,
-        {
-            "ablations": {"variant": 0} | columns,
-            "long": {"variant": 0} | walked | {"critic": 2},
-            "mode": {"decides by": 0} | walked,
-        },
-    )
-
-
-def plot(found, sim):
-    """A bar (mean) for every variant, a dot for every training."""
-    rows = found["ablations"]["rows"]
-    figure, axes = plt.subplots(1, 2, figsize=(11, 1.6 + 0.25 * len(VARIANTS)), sharey=True)
-    for axis, key in zip(axes, ("success", "time_mean")):
-        for place, name in enumerate(VARIANTS):
-            known = [row[key] for row in common.pick(rows, variant=name) if row[key] is not None]
-            axis.barh(place, np.mean(known or [0]), color="tab:blue", alpha=0.5)
-            axis.plot(known, [place] * len(known), "ko")
-        axis.set(xlabel=common.HEADS[key], yticks=range(len(VARIANTS)), yticklabels=VARIANTS)
-    figure.suptitle(f"{STEPS:,} double steps of training ({sim})")
-    return figure
+    """Every training."""
+    columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
+    return common.sections(found, {"ablations": columns, "long": {"goal_std_m": 1} | LONG})
 
 
 def found(data):
@@ -223,26 +176,25 @@ def found(data):
     plain, sharp = (
         mean(short, "time_mean", variant=name) for name in ("no sharpening", "reference")
     )
-    trained = []
-    for name in dict.fromkeys(row["variant"] for row in long):
-        calm, pushed = common.pick(long, variant=name, goal_std_m=1.0)
-        trained.append(
-            f"{name} | {calm['time_mean']:.1f} | {share(calm['fall'], 1)} "
-            f"| {share(pushed['fall'], 1)} | {share(calm['critic'])}"
-        )
-    usual, blind, _ = common.values(long, "time_mean", goal_std_m=1.0, push=0.0)
+    usual, blind = (
+        common.values(long, "time_mean", goal_std_m=1.0, push=0.0, variant=name)[0]
+        for name in ("reference", "without the reflex")
+    )
+    wide = [
+        f"{mean(short, 'time_mean', variant=name):.1f} s with {name}"
+        for name in dict.fromkeys(row["variant"] for row in short)
+        if name.startswith("256")
+    ]
     return {
         "rewards": f"On the plane the mean success is {share(distance)} without the reward for "
         f"distance and {share(angle)} without the one for the angle. All other variants arrive.",
         "sharpening": "So short a training is sharpened too soon: without sharpening the walks "
         f"take {plain:.1f} s, with it {sharp:.1f} s.",
+        "robots": f"With 64 robots they take {sharp:.1f} s, {' and '.join(wide)}." if wide else "",
         "blind": f"Trained without the reflex, a policy needs {blind:.1f} s to far goals instead of "
         f"{usual:.1f} s.",
-        "long": "Long trainings in 3-D, on the way to far goals; the IMU wins nothing here:\n\n"
-        + evaluate.markdown(
-            "training | time [s] | falls | falls, pushed | variance explained by the critic",
-            trained,
-        ),
+        "long": "Long trainings in 3-D, on the way to far goals:\n\n"
+        + common.table(common.pick(long, goal_std_m=1.0), LONG),
     }
 
 

@@ -12,7 +12,7 @@ policy: the trainings on the same walks. The figure shows what speed costs each 
 """
 
 import sys
-from dataclasses import asdict, fields
+from dataclasses import fields
 from functools import partial
 
 import common
@@ -127,15 +127,16 @@ def choose(rows, paper):
     return min(rows, key=lambda row: row["fall"]), "none is safe: the fewest falls"
 
 
-def searched(world, planner_of, names, now, paper):
+def searched(args, planner_of, names, now):
     """The whole search, from the settings on that are in use now, values by `names`."""
-    tried, ends = optimise(world, planner_of, now, paper)
-    rows = [
-        {"price": price, "settings": dict(zip(names, values)), **final(world, planner_of(values))}
-        for price, values in tqdm([*zip(PRICES, ends), (None, now)], unit=" finalists")
-    ]
+    paper = common.read_json(args.out / "baseline.json")["paper"]
+    with common.world(args.sim) as world:
+        tried, ends = optimise(world, planner_of, now, paper)
+        rows = [
+            {"price": price, "settings": dict(zip(names, at)), **final(world, planner_of(at))}
+            for price, at in tqdm([*zip(PRICES, ends), (None, now)], unit=" finalists")
+        ]
     best, rule = choose(rows, paper)
-    print("chosen:", best["settings"])
     return {
         "trials": 2 * SETS * common.PER_SET,
         "rule": rule,
@@ -153,19 +154,14 @@ def study_paper(args):
 
 def study_tuned(args):
     """The settings TUNED of stage 05."""
-    now = [getattr(evaluate.TUNED_BASELINE[args.sim], name) for name in TUNED]
-    paper = common.read_json(args.out / "baseline.json")["paper"]
-    with common.world(args.sim) as world:
-        return searched(world, tuned_of, TUNED, now, paper)
+    now = evaluate.TUNED_BASELINE[args.sim]
+    return searched(args, tuned_of, TUNED, [getattr(now, name) for name in TUNED])
 
 
 def study_expert(args):
     """The constants of the expert; they are those of 3-D."""
-    settings = expert.Settings()
-    now = [*settings.top, *settings.change, settings.together, settings.gain]
-    paper = common.read_json(args.out / "baseline.json")["paper"]
-    with common.world(args.sim) as world:
-        return searched(world, expert_of, EXPERT, now, paper)
+    now = expert.Settings()
+    return searched(args, expert_of, EXPERT, [*now.top, *now.change, now.together, now.gain])
 
 
 def study_policy(args):
@@ -184,47 +180,33 @@ PARTS = {
     "expert": study_expert,
     "policy": study_policy,
 }
-SHOWN = "expert", "policy", "baseline_tuned"  # in the figure
+SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the figure
 
 
 def table(found, sim):
-    """The finalists; of it also the paper's settings."""
+    """The finalists beside the paper's settings, and the trainings."""
+    facts = {"fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_there": 3}
     text = ""
     for part, names in (("baseline_tuned", TUNED), ("expert", EXPERT)):
         if part in found:
-            paper = {"settings": asdict(Settings()), "chosen": "paper", **found[part]["paper"]}
-            first = [paper] * (part == "baseline_tuned")
-            columns = (
-                {"price": 0}
-                | dict.fromkeys(names, 2)
-                | {
-                    "fall": 4,
-                    "pushed": 3,
-                    "timeout": 4,
-                    "time": 2,
-                    "still_there": 3,
-                    "chosen": 0,
-                }
-            )
-            rows = [row | row["settings"] for row in [*first, *found[part]["finalists"]]]
+            rows = [row | row["settings"] for row in found[part]["finalists"]]
+            rows.insert(0, {"chosen": "paper", **found[part]["paper"]})
+            columns = {"price": 0} | dict.fromkeys(names, 2) | facts | {"chosen": 0}
             text += (
                 f"### {part}\n\n{common.table(rows, columns)}\nChosen: {found[part]['rule']}.\n\n"
             )
-    columns = {"seed": 0, "fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_there": 3}
-    return text + common.sections(found, {"policy": columns})
+    return text + common.sections(found, {"policy": {"seed": 0} | facts})
 
 
 def plot(found, sim):
     """Time over falls, without pushes and with them: what speed costs."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
     for axis, key, title in zip(axes, ("fall", "pushed"), ("near and far", "far, pushed")):
-        for part in SHOWN:
-            rows = found.get(part, {}).get("finalists") or found.get(part, {}).get("rows", [])
-            name, marker = part, {"policy": "o", "expert": "s"}.get(part, "^")
-            rows = [row for row in rows if "pushed" in row]  # older ones were not
+        for part in SHOWN.keys() & found.keys():
+            rows = found[part].get("finalists") or found[part]["rows"]
             share = [100 * row[key] for row in rows]
             time = [row["time"] for row in rows]
-            axis.plot(share, time, marker, color=common.COLORS[part], label=name)
+            axis.plot(share, time, SHOWN[part], color=common.COLORS[part], label=part)
         axis.set(xlabel=f"falls, {title} [% of the walks]", xlim=(0, None))
         axis.legend()
     axes[0].set_ylabel("mean time, near and far [s]")

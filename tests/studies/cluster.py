@@ -3,7 +3,7 @@
     python -m pip install ray==2.60.0
     python tests/studies/cluster.py --mujoco --steps 250000 --seed 0 --out runs/cluster
     python tests/studies/cluster.py --mujoco --evaluate runs/cluster/policy.pt --out runs/cluster
-    python tests/studies/cluster.py --mujoco --only speed       what Ray costs, or `robots`
+    python tests/studies/cluster.py --mujoco --only speed       what Ray costs
 
 An actor is an object in a process of its own, on any machine of a Ray cluster; calls of its methods
 travel there, and results come back. Here an actor holds a part of the robots. `Cluster` stands in
@@ -33,12 +33,10 @@ import numpy as np
 from common import ROOT, env, evaluate, ppo, robot_model
 from gymnasium.vector.utils import batch_space
 
-DURATION = "to train as long as stage 04; --only speed: 2 minutes, --only robots: 2 hours"
+DURATION = "to train as long as stage 04; --only speed: 2 minutes"
 TOLD = "success", "fall", "timeout", "time"  # what stage 04 asks of an ended episode
 BLOCK = 250  # trials that a process walks at a time
 SHORT = 8_192  # double steps, to compare and to measure the speed
-LONG = 100_000  # to see what more robots do to learning
-WIDE = ((64, 16), (256, 16), (256, 4))  # robots, double steps of each between two updates
 
 
 class Part:
@@ -158,8 +156,9 @@ def train(args):
     connect(args.actors, args.address)
     make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True, staggered=True)
     about = {"fits": {"simulator": args.sim}, "imu": False, "noise": True}
-    cfg = replace(ppo.PPOConfig(), num_envs=args.robots)
-    _, rows = ppo.train(cfg, make_envs, args.out, args.steps, args.seed, args.resume, **about)
+    _, rows = ppo.train(
+        ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed, args.resume, **about
+    )
     ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
     print(f"after {rows[-1]['minutes']:.1f} minutes: {args.out / 'policy.pt'}")
 
@@ -171,33 +170,25 @@ def walk_block(planner, sim, noise, trials):
 
 
 def walk_all(args):
-    """The walks of stage 05's --noise, in blocks over the cluster; its table and trials.csv."""
+    """The policy's walks of stage 05's --noise, in blocks over the cluster; table, trials.csv."""
     import ray
 
     connect(args.actors, args.address)
     std = env.Task().goal_std_m
     trials = evaluate.draw_trials(args.seed, args.episodes)
-    with common.world(args.sim, num_robots=1, cores=1) as world:
-        planners, _, _ = evaluate.choose_planners(world, [args.evaluate])
+    policy = common.policy(args.evaluate, args.sim)
     blocks = [
         replace(trials, goals=trials.goals[first : first + BLOCK], first=first)
         for first in range(0, args.episodes, BLOCK)
     ]
     remote = ray.remote(num_cpus=1)(walk_block)
-    calls = {
-        (name, noise, std): [remote.remote(planner, args.sim, noise, block) for block in blocks]
-        for noise in (False, True)
-        for name, planner in planners.items()
-    }
-    results = {key: common.together(ray.get(parts)) for key, parts in calls.items()}
+    results = {}
+    for noise in (False, True):
+        parts = [remote.remote(policy, args.sim, noise, block) for block in blocks]
+        results["policy", noise, std] = common.together(ray.get(parts))
     rows = [evaluate.summary(*key, ended, env.Task()) for key, ended in results.items()]
     evaluate.write_trials(args.out / "trials.csv", {std: trials}, results)
-    print(evaluate.table(rows, evaluate.compare(results)))
-
-
-def weights(model):
-    """All numbers of a policy in a row."""
-    return np.concatenate([value.numpy().ravel() for value in model.state_dict().values()])
+    print(evaluate.table(rows, []))
 
 
 def study_speed(args):
@@ -213,72 +204,44 @@ def study_speed(args):
         begin = time.perf_counter()
         model, _ = ppo.train(ppo.PPOConfig(), make_envs, folder, SHORT)
         seconds = time.perf_counter() - begin
-        alone = weights(model) if alone is None else alone
+        weights = ppo.torch.nn.utils.parameters_to_vector(model.parameters())
+        alone = weights if alone is None else alone
         rows.append(
             {
                 "training": f"{actors} actors" if actors else "stage 04 alone",
                 "seconds": seconds,
                 "double_steps_per_second": SHORT / seconds,
-                "equal": bool(np.array_equal(weights(model), alone)),
+                "equal": ppo.torch.equal(weights, alone),
             }
         )
     return {"rows": rows, "steps": SHORT}
 
 
-def study_robots(args):
-    """Trainings with more robots, as many double steps in all, judged on goals of the tuning."""
-    rows = []
-    for robots, rollout in WIDE:
-        cfg = replace(ppo.PPOConfig(), num_envs=robots, rollout=rollout)
-        folder = common.work(args.sim, "cluster", f"robots{robots}x{rollout}")
-        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=True, staggered=True)
-        model, log = ppo.train(cfg, make_envs, folder, LONG)
-        with common.world(args.sim) as world:
-            planner = evaluate.PolicyPlanner(model)
-            ended = common.walks(planner, world, sets=2, purpose="tuning")
-        told = common.row_of(ended, "policy")
-        facts = {name: told[name] for name in ("success", "fall", "time_mean")}
-        rows.append({"robots": robots, "rollout": rollout, "updates": len(log), **facts})
-    return {"rows": rows, "steps": LONG}
-
-
-PARTS = {"speed": study_speed, "robots": study_robots}
+PARTS = {"speed": study_speed}
 
 
 def table(found, sim):
-    """Both parts."""
-    counts = dict.fromkeys(("robots", "rollout", "updates"), 0)
-    columns = {
-        "speed": {"training": 0, "seconds": 1, "double_steps_per_second": 0, "equal": 0},
-        "robots": counts | {"success": 3, "fall": 4, "time_mean": 2},
-    }
-    return common.sections(found, columns)
+    """Every training."""
+    columns = {"training": 0, "seconds": 1, "double_steps_per_second": 0, "equal": 0}
+    return common.sections(found, {"speed": columns})
 
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
     alone, *actors = data["mujoco"]["speed"]["rows"]
-    robots = data["pymunk"]["robots"]
     speeds = {row["training"]: row["double_steps_per_second"] for row in (alone, *actors)}
     told = ", ".join(f"{speed:.0f} with {name}" for name, speed in speeds.items())
     equal = all(row["equal"] for row in actors)
-    times = [
-        f"{row['time_mean']:.1f} s with {row['robots']} robots and rollouts of {row['rollout']}"
-        for row in robots["rows"]
-    ]
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
         f"stage 04 alone, bit for bit.",
         "speed": f"Double steps per second in 3-D, on one machine: {told}.",
-        "robots": f"After {robots['steps']:,} double steps on the plane the walks take "
-        f"{', '.join(times)}.",
     }
 
 
 def main(argv=None):
     parser_flags = {
         "steps": {"type": int, "default": ppo.STEPS, "help": "double steps of a training"},
-        "robots": {"type": int, "default": 64},
         "actors": {"type": int, "default": robot_model.CORES, "help": "processes with robots"},
         "address": {"help": "of a running cluster; else Ray starts here"},
         "resume": {"action": "store_true", "help": "continue a stopped training"},
@@ -287,8 +250,8 @@ def main(argv=None):
         "only": {"choices": PARTS, "help": "measure this"},
     }
     args = common.arguments(sys.modules[__name__], argv, **parser_flags)
-    if min(args.steps, args.robots, args.actors, args.episodes) < 1:
-        raise robot_model.InputError("--steps, --robots, --actors and --episodes from 1 on")
+    if min(args.steps, args.actors, args.episodes) < 1:
+        raise robot_model.InputError("--steps, --actors and --episodes from 1 on")
     if args.only:
         common.publish(sys.modules[__name__], args.only, args)
     elif args.evaluate:

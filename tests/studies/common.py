@@ -69,10 +69,10 @@ def publish(study, part, args):
     if part:
         numbers = {**(read_json(path) if path.is_file() else {}), part: numbers}
     text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    evaluate.write_text(path, text)
+    robot_model.write_text(path, text)
     found = json.loads(text)  # as when it is read later: keys are texts, tuples lists
     table = study.table(found, args.sim)
-    evaluate.write_text(path.with_suffix(".md"), table)
+    robot_model.write_text(path.with_suffix(".md"), table)
     if hasattr(study, "plot") and part in ([*study.PARTS][0], *getattr(study, "SHOWN", ())):
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
@@ -106,14 +106,11 @@ HEADS = {
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
-    "friction": "μ",
     "factor": "size of steps",
     "change": "largest change",
     "blocks": "blocks up to [m]",
     "touches": "touches a disc",
-    "arrived": "share that arrives",
     "time_over_way": "time ÷ (way / 0.35 m/s)",
-    "bare": "bare physics",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
     "least": "least possible [s]",
@@ -171,11 +168,10 @@ def share(part, digits=0):
 
 
 def opponents(sim):
-    """The planners of README's table that do not learn, by name."""
+    """The best two planners that do not learn, by name."""
     return {
-        "baseline": evaluate.BaselinePlanner(evaluate.BaselineSettings()),
         "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
-        "search": evaluate.load_planner(ROOT / "tests" / "studies" / "search.py"),
+        "expert": evaluate.load_planner(ROOT / "tests" / "exercises" / "expert.py"),
     }
 
 
@@ -214,13 +210,6 @@ def together(parts):
 def row_of(ended, name, far=False):
     """A row of stage 5's table, walked with noise."""
     return evaluate.summary(name, True, STD[far], ended, env.Task())
-
-
-def time_ratio(ended, reference, name):
-    """More of a row: time relative to another planner's, nothing without a common success."""
-    ratio = evaluate.time_ratio(ended, reference)
-    names = {"time_ratio": name, "time_ratio_ci95": f"{name}_ci95", "median": f"median_{name}"}
-    return {to: np.round(ratio[key], 4).tolist() for key, to in names.items() if ratio}
 
 
 def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
@@ -342,7 +331,7 @@ def read_trials(path):
 
 
 STUDIES = (
-    *("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers", "benchmark"),
+    *("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers"),
     *("cluster", "obstacles"),
 )
 
@@ -374,7 +363,7 @@ def write_pages():
     """Pastes them, and says which have changed."""
     for path, text in pages().items():
         if text != path.read_text(encoding="utf-8"):
-            evaluate.write_text(path, text)
+            robot_model.write_text(path, text)
             print("written:", path)
 
 

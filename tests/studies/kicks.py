@@ -28,7 +28,7 @@ def everybody(sim, per_set=common.PER_SET, **settings):
     """Rows of all planners on their way to far goals in such a world, with and without reflex."""
     planners = {
         "policy": common.policy(RESULTS / sim / "policy.pt", sim),
-        **seeds.opponents(sim),
+        **common.opponents(sim),
     }
     rows = []
     for reflex in (True, False):
@@ -166,9 +166,8 @@ def found(data):
         walks = sum(row["episodes"] for row in rows)
         return f"{sum(row['falls'] for row in rows)} of {walks:,} walks"
 
-    def pair(key, world, text):
-        return text.format(*common.values(worlds, key, world=world))
-
+    slow = common.values(worlds, "time_mean", world="noise of the goal lasts for seconds")
+    gyro = common.values(worlds, "fall", world="a gyro ten times worse")
     outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
     return {
         "pushed": "In 3-D, pushed by 0.4 m/s every 3 s, the policy falls in "
@@ -176,17 +175,10 @@ def found(data):
         "grounds": "On the three grounds of the range that was trained it falls in "
         f"{counted('μ = 0.4', 'μ = 0.7', 'μ = 1.0')}; outside of it (two more grounds, and twice "
         f"the spread of masses) in {counted(*outside)}.",
-        "slow": pair(
-            "time_mean",
-            "noise of the goal lasts for seconds",
-            "If the noise of the goal lasts for seconds, it arrives, but takes {:.1f} s to near and "
-            "{:.1f} s to far goals.",
-        ),
-        "gyro": pair(
-            "fall",
-            "a gyro ten times worse",
-            "With a gyro ten times worse it falls in {:.3f} and {:.3f} of the walks.",
-        ),
+        "slow": f"If the noise of the goal lasts for seconds, it arrives, but takes {slow[0]:.1f} s "
+        f"to near and {slow[1]:.1f} s to far goals.",
+        "gyro": f"With a gyro ten times worse it falls in {share(gyro[0], 1)} and "
+        f"{share(gyro[1], 1)} of the walks.",
     }
 
 

@@ -18,7 +18,6 @@ import matplotlib.pyplot as plt
 import networkx  # PyTorch brings it along
 import numpy as np
 from common import RESULTS, env, evaluate, robot_model
-from matplotlib.animation import FuncAnimation
 
 DURATION = "2 minutes; 3-D: 6 minutes"
 FIELDS = 200
@@ -163,50 +162,36 @@ def walk_fields(planner, world, fields, trials):
     return evaluate.evaluate(chain, world, trials, watch) | {"touched": touched}
 
 
-def planners(sim):
-    """Those that walk here, by name."""
-    tuned = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
-    return {
-        "policy": common.policy(RESULTS / sim / "policy.pt", sim),
-        "baseline_tuned": tuned,
-    }
-
-
 def study(args):
-    """Both planners around the discs, and to the same goals without discs."""
+    """The policy and the tuned baseline around the discs, and to the same goals without discs."""
     fields, trials = draw_fields(FIELDS)
     straight = np.linalg.norm(trials.goals[:, :2], axis=1)
     length = np.array([field.length for field in fields])
+    planners = {
+        "policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
+        "baseline_tuned": common.opponents(args.sim)["baseline_tuned"],
+    }
     rows = []
     with common.world(args.sim, num_robots=FIELDS) as world:
-        for name, planner in planners(args.sim).items():
-            for discs in (True, False):
-                if discs:
-                    ended = walk_fields(planner, world, fields, trials)
-                else:
-                    ended = evaluate.evaluate(planner, world, trials)
-                reached = ended["outcome"] == "success"
-                least = (length if discs else straight)[reached] / SPEED  # [s]
-                rows.append(
-                    {
-                        "planner": name,
-                        "discs": discs,
-                        "arrived": float(reached.mean()),
-                        "touches": float(ended["touched"].mean()) if discs else None,
-                        "fall": float(np.mean(ended["outcome"] == "fall")),
-                        "time": float(ended["time"][reached].mean()),
-                        "time_over_way": float(ended["time"][reached].mean() / least.mean()),
-                    }
-                )
-    return {"rows": rows, "fields": FIELDS, "longer": float(length.mean() / straight.mean())}
+        for name, planner in planners.items():
+            around = walk_fields(planner, world, fields, trials)
+            beside = evaluate.evaluate(planner, world, trials)
+            for ended, way in ((around, length), (beside, straight)):
+                row = {"discs": ended is around, **common.row_of(ended, name)}
+                if ended is around:
+                    row["touches"] = float(ended["touched"].mean())
+                least = way[ended["outcome"] == "success"] / SPEED  # [s]
+                rows.append(row | {"time_over_way": float(row["time_mean"] / least.mean())})
+    return {"rows": rows, "fields": FIELDS}
 
 
-def recorded(sim, name, numbers):
-    """The fields with these numbers, and what physics did in each of them, as `record` gives it."""
+def recorded(sim, numbers):
+    """The fields with these numbers, and how the policy walked in each of them, see `record`."""
+    planner = common.policy(RESULTS / sim / "policy.pt", sim)
     fields, trials = draw_fields(max(numbers) + 1)
     with common.world(sim, num_robots=1, cores=1) as world:
         for i in numbers:
-            chain = Chain(planners(sim)[name], world, [fields[i].way])
+            chain = Chain(planner, world, [fields[i].way])
             one = evaluate.Trials(trials.goals[i : i + 1], SEED, first=i)
             yield fields[i], next(evaluate.record(chain, world, one))
 
@@ -229,7 +214,7 @@ def plot(found, sim):
     """Three fields from above."""
     figure, grid = plt.subplots(1, len(SHOWN), figsize=(13.2, 4.8))
     camera = robot_model.camera_at(-90, 90)
-    for axes, (field, walk) in zip(grid, recorded(sim, "policy", SHOWN)):
+    for axes, (field, walk) in zip(grid, recorded(sim, SHOWN)):
         draw_discs(axes, field, camera)
         evaluate.draw_way(axes, walk["goal"], walk["feet"], camera)
         axes.plot(*walk["torso"][:, :2].T, "k", lw=1)
@@ -242,28 +227,15 @@ def plot(found, sim):
     return figure
 
 
-def study_film(args, every=10):
+def study_film(args):
     """The walk through the first field, obstacles.gif beside the table."""
+    ((field, walk),) = recorded(args.sim, SHOWN[:1])
     camera = robot_model.camera_at()
-    ((field, walk),) = recorded(args.sim, "policy", SHOWN[:1])
-    figure, axes = plt.subplots(figsize=(7, 4))
-    seen = np.vstack([[0, 0], field.way[:, :2], field.discs[:, :2]]) @ camera[1:, :2].T  # [c, 2]
-    (left, low), (right, high) = seen.min(0) - [0.4, 0.3], seen.max(0) + [0.4, 0.8]
-    ticks = len(walk["torso"])
-
-    def draw(tick):
-        tick = min(tick, ticks - 1)
-        feet = walk["feet"][: (tick + 1) * len(walk["feet"]) // ticks]
-        now = walk["torso"][tick], walk["joints"][tick]
-        evaluate.draw_scene(axes, walk["goal"], feet, *now, f"policy, {tick / 100:.1f} s")
-        draw_discs(axes, field, camera)
-        axes.axis([left, right, low, high])
-
-    film = FuncAnimation(figure, draw, [*range(0, ticks, every), *[ticks] * 20])
-    robot_model.atomic_write(
-        args.out / "obstacles.gif", lambda file: film.save(file, "pillow", 200 / every, dpi=70)
+    evaluate.plot_race(
+        {"policy": walk},
+        args.out / "obstacles.gif",
+        more=lambda axes: draw_discs(axes, field, camera),
     )
-    plt.close(figure)
     return {"ending": walk["ending"]}
 
 
@@ -272,16 +244,8 @@ PARTS = {"walks": study, "film": study_film}
 
 def table(found, sim):
     """Both planners, around the discs and without them."""
-    columns = {
-        "planner": 0,
-        "discs": 0,
-        "arrived": 3,
-        "touches": 3,
-        "fall": 3,
-        "time": 1,
-        "time_over_way": 2,
-    }
-    return common.sections(found, {"walks": columns})
+    columns = {"planner": 0, "discs": 0, "success": 3, "touches": 3, "fall": 3, "time_mean": 1}
+    return common.sections(found, {"walks": columns | {"time_over_way": 2}})
 
 
 def found(data):
@@ -293,9 +257,9 @@ def found(data):
     tuned = common.pick(walks["rows"], planner="baseline_tuned", discs=True)[0]
     return {
         "discs": f"In {walks['fields']} fields of discs the policy arrives in "
-        f"{common.share(around['arrived'], 1)} of the walks, and touches a disc in "
+        f"{common.share(around['success'], 1)} of the walks, and touches a disc in "
         f"{common.share(around['touches'], 1)}; `baseline_tuned` in "
-        f"{common.share(tuned['arrived'], 1)} and {common.share(tuned['touches'], 1)}.",
+        f"{common.share(tuned['success'], 1)} and {common.share(tuned['touches'], 1)}.",
         "time": f"The policy needs {around['time_over_way']:.2f} times what the shortest detour "
         f"would take at {SPEED} m/s, and {straight['time_over_way']:.2f} times that of the straight "
         "way without discs.",

@@ -23,13 +23,6 @@ KINDS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far goals?, pushes [m/s]
 DISTANCES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # [m]
 
 EXACT = "policy, without noise"
-KEPT = "planner", "success", "fall", "fall_ci95", "time_mean", "time_std"
-
-
-def opponents(sim):
-    """The best two planners that do not learn, by name."""
-    expert = evaluate.load_planner(common.ROOT / "tests" / "exercises" / "expert.py")
-    return {"baseline_tuned": common.opponents(sim)["baseline_tuned"], "expert": expert}
 
 
 def walked(sim, policies, sets, references=None):
@@ -51,7 +44,12 @@ def walked(sim, policies, sets, references=None):
                 ended = common.walks(planner, world, far, sets, POOLED_FIRST)
                 row = {"seed": seed, "push": push, **common.row_of(ended, "policy", far)}
                 for name, other in theirs.items():
-                    row |= common.time_ratio(ended, other, f"over_{name}")
+                    ratio = evaluate.time_ratio(ended, other)
+                    row |= {
+                        f"over_{name}": ratio["time_ratio"],
+                        f"over_{name}_ci95": ratio["time_ratio_ci95"],
+                        f"median_over_{name}": ratio["median"],
+                    }
                 rows.append(row)
     return {"goals": sets * common.PER_SET, "rows": rows}
 
@@ -61,8 +59,7 @@ def median_seed(rows):
 
     def rank(seed):
         own = pick(rows, seed=seed)
-        times = [np.inf if row["time_mean"] is None else row["time_mean"] for row in own]
-        return np.mean([row["success"] for row in own]), -np.mean(times)
+        return tuple(np.mean([(row["success"], -row["time_mean"]) for row in own], axis=0))
 
     seeds = sorted({row["seed"] for row in rows}, key=rank)
     return seeds[len(seeds) // 2]
@@ -88,24 +85,23 @@ def least_time(goals, world):
 
 def study_distances(args, count=200):
     """Each planner that races with the policy, to `count` goals at every distance, with noise."""
-    planners = opponents(args.sim)
+    planners = common.opponents(args.sim)
     planners["policy"] = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
-    trials = evaluate.draw_trials(POOLED_FIRST, count * len(DISTANCES))
     far = np.repeat(DISTANCES, count)
     way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
-    trials.goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
+    goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
+    trials = evaluate.Trials(goals, POOLED_FIRST)
     rows = []
     for noise in (True, False):
         with common.world(args.sim, num_robots=len(far), noise=noise) as world:
-            least = least_time(trials.goals, world)
+            least = least_time(goals, world)
             for name in planners if noise else ["policy"]:
                 ended = {"least": least} | evaluate.evaluate(planners[name], world, trials)
                 for distance in DISTANCES:
                     own = {key: value[far == distance] for key, value in ended.items()}
                     row = common.row_of(own, name if noise else EXACT)
                     shortest = own["least"][own["outcome"] == "success"].mean()
-                    kept = {key: row[key] for key in KEPT}
-                    rows.append({"distance": distance, **kept, "least": float(shortest)})
+                    rows.append({"distance": distance, **row, "least": float(shortest)})
     return {"goals": count, "rows": rows}
 
 
@@ -115,7 +111,7 @@ def study_all(args):
     policies = {
         seed: common.policy(folder / str(seed) / "policy.pt", args.sim) for seed in SEEDS[args.sim]
     }
-    found = walked(args.sim, policies, SETS, opponents(args.sim))
+    found = walked(args.sim, policies, SETS, common.opponents(args.sim))
     calm = pick(found["rows"], planner="policy", push=0.0)
     return {"median_seed": median_seed(calm), **found}
 
@@ -140,17 +136,28 @@ def study_film(args):
     return {title: walk["ending"] for title, walk in walks.items()}
 
 
-class Independent(env.FootstepWorld):
-    """Its filter takes the errors of x, y and yaw to be independent."""
+class Watched(env.FootstepWorld):
+    """Keeps of every view the squared errors, the claimed variances, and the distance."""
+
+    def __init__(self, *args, independent, **settings):
+        super().__init__(*args, **settings)
+        self.independent = independent  # does its filter take the errors of x, y and yaw so?
+        self.seen = []
 
     def look(self, robots):
-        self.covariance[robots] *= np.eye(3)
-        return super().look(robots)
+        if self.independent:
+            self.covariance[robots] *= np.eye(3)
+        view, goal = super().look(robots), self.relative_goal(robots)
+        error = view.goal - goal
+        error[:, 2] = env.wrap(error[:, 2])
+        claimed = np.diagonal(self.covariance[robots], axis1=1, axis2=2)
+        self.seen.append(np.column_stack([error**2, claimed, np.hypot(*goal[:, :2].T)]))
+        return view
 
 
-FILTERS = {  # name: kind of the world, how far its filter expects a double step to be off
-    "stage 3": (env.FootstepWorld, None),
-    "independent errors, small drift": (Independent, (0.009, 0.009, 0.05)),
+FILTERS = {  # name: settings; drift: how far the filter expects a double step to be off
+    "stage 3": {"independent": False},
+    "independent errors, small drift": {"independent": True, "drift": (0.009, 0.009, 0.05)},
 }
 RINGS = (0.0, 0.1, 0.3, 0.7, 1.5, np.inf)  # [m] distances of the goal
 AXES = {"x": "m", "y": "m", "yaw": "rad"}
@@ -160,24 +167,10 @@ def study_estimate(args):
     """Root mean square error, and what the filter takes for it (claimed), by distance."""
     policy, rows = common.policy(RESULTS / args.sim / "policy.pt", args.sim), []
 
-    class Watched:
-        """The policy; keeps of every view the error, the claimed variance and the distance."""
-
-        reset = policy.reset
-
-        def act(self, view):
-            goal = world.relative_goal(view.robots)
-            error = view.goal - goal
-            error[:, 2] = env.wrap(error[:, 2])
-            claimed = np.diagonal(world.covariance[view.robots], axis1=1, axis2=2)
-            seen.append(np.column_stack([error**2, claimed, np.hypot(*goal[:, :2].T)]))
-            return policy.act(view)
-
-    for name, (kind, drift) in FILTERS.items():
-        seen = []
-        with common.world(args.sim, kind, drift=drift) as world:
-            common.walks(Watched(), world, far=True, sets=1)
-        squares = np.concatenate(seen)  # [K, 7]
+    for name, settings in FILTERS.items():
+        with common.world(args.sim, Watched, **settings) as world:
+            common.walks(policy, world, far=True, sets=1)
+        squares = np.concatenate(world.seen)  # [K, 7]
         for first, last in zip(RINGS, RINGS[1:]):
             ring = (squares[:, 6] >= first) & (squares[:, 6] < last)
             error, claimed = np.sqrt(squares[ring, :6].mean(0)).reshape(2, 3)
@@ -257,19 +250,17 @@ def plot(found, sim):
     styles = {"policy": "o-", "expert": "s--", "baseline_tuned": "^:", EXACT: "-"}
     for shift, (name, style) in enumerate(styles.items()):
         own = pick(found["rows"], planner=name)
-        if not own:  # of an older file
-            continue
         look = {"color": common.COLORS.get(name, "tab:pink"), "label": name}
         time, fall = (np.array([row[key] for row in own]) for key in ("time_mean", "fall"))
-        std = np.array([row.get("time_std", 0) for row in own])
+        std = np.array([row["time_std"] for row in own])
         times.errorbar(DISTANCES, time, 1.96 * std / found["goals"] ** 0.5, fmt=style, **look)
-        low, high = np.transpose([row.get("fall_ci95", 2 * [row["fall"]]) for row in own])
+        low, high = np.transpose([row["fall_ci95"] for row in own])
         moved = np.add(DISTANCES, 0.05 * shift)  # so that the intervals do not hide each other
         bars = np.abs([fall - low, high - fall])
         falls.errorbar(moved, 100 * fall, 100 * bars, fmt=style, capsize=3, **look)
     times.plot(
         DISTANCES,
-        [row["least"] for row in own or pick(found["rows"], planner="policy")],
+        [row["least"] for row in own],
         color="0.5",
         label="least time that the step limits allow",
     )
