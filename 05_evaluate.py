@@ -79,7 +79,7 @@ class BaselineSettings(robot_model.Checked):
     share: bool = False  # do both feet share sideways ways and turns? Ours
 
 
-TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-24
+TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-25
     "pymunk": BaselineSettings(
         forward=0.5232,
         backward=0.5136,
@@ -92,14 +92,14 @@ TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/base
         share=True,
     ),
     "mujoco": BaselineSettings(
-        forward=0.48,
-        backward=0.35,
-        sideways=0.23,
-        turning=1.13,
-        gain=0.9,
-        turning_gain=0.66,
-        far_m=0.84,
-        time_constant=0.23,
+        forward=0.4624,
+        backward=0.3505,
+        sideways=0.2214,
+        turning=1.2192,
+        gain=0.9252,
+        turning_gain=0.8146,
+        far_m=0.5546,
+        time_constant=0.2546,
         share=True,
     ),
 }

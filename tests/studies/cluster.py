@@ -10,13 +10,8 @@ travel there, and results come back. Here an actor holds a part of the robots. `
 front of all of them and looks to stage 04 like `FootstepVectorEnv`. Robots have their own random
 generators, so it does not matter where they walk: the policy is the same, bit for bit.
 
-Without --address Ray starts on this machine, for this run only. A cluster of several machines, all
-with the same versions of Python and of the packages (the code travels by itself):
-
-    ray start --head --port 6379                    on the first one, which prints its address
-    ray start --address ADDRESS:6379                on every other one
-    python tests/studies/cluster.py --address ADDRESS:6379 --actors 16 …     on any of them
-    ray stop                                        on each of them, at the end
+Without --address Ray starts on this machine, for this run only. results/STUDIES.md has the commands
+for several machines.
 """
 
 import sys

@@ -116,7 +116,6 @@ HEADS = {
     "least": "least possible [s]",
     "push": "push [m/s]",
     "critic": "explained variance",
-    "seconds": "training [s]",
 }
 
 
@@ -282,7 +281,7 @@ def readme_findings():
         return (
             f"it needs {ratio['time_ratio']:.2f} of the time of `{name}` on average, and "
             f"{ratio['median']:.2f} in the median; it is faster in {share(ratio['faster'])} of "
-            f"the walks, and slower in {share(ratio['slower'])}."
+            f"the walks, slower in {share(ratio['slower'])}, and as fast in the others."
         )
 
     seeds, kicks, walk = map(said, ("seeds", "kicks", "walk"))
