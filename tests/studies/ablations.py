@@ -2,6 +2,7 @@
 
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
+robots: more of them, as many double steps in all.
 long: the shipped training, deciding by its mean and by its mode, and one as long without the
 reflex; their walks are pushed, too.
 """
@@ -17,7 +18,7 @@ from common import FEW, env, evaluate, ppo, robot_model, share
 from tqdm import tqdm
 
 torch = ppo.torch
-DURATION = "two cores: ablations 50 minutes; in 3-D 80, then long 20"
+DURATION = "two cores: ablations 40 minutes, robots 10; in 3-D twice that, then long 20"
 STEPS, GOALS = 25_600, 500  # double steps of a short training, near and far goals for it
 
 
@@ -46,18 +47,21 @@ class GaussianActor(ppo.ActorCritic):
         return np.clip(super().decide(obs), 0, 1)  # its mode and its mean are the same
 
 
-PEER = "Gaussian policy, no sharpening"
+PEER, BLIND = "Gaussian policy, no sharpening", "without the reflex"
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"model": GaussianActor},
     PEER: {"model": GaussianActor, "config": {"sharpest": 1.0}},
     "no sharpening": {"config": {"sharpest": 1.0}},
     "with IMU": {"imu": True},
-    "without the reflex": {"reflex": False},
+    BLIND: {},
     **{
         f"without r_{k}": {"task": {f"s_{k}": 0.0}}
         for k in ("d", "a", "o", "c", "fall", "goal", "time")
     },
+}
+ROBOTS = {
+    "64 robots": {},
     "256 robots": {"config": {"num_envs": 256}},
     "256 robots, rollouts of 4": {"config": {"num_envs": 256, "rollout": 4}},
 }
@@ -84,11 +88,11 @@ def judged(planner, sim, reflex=True):
 
 def learn(sim, name, seed, steps, folder):
     """Train this variant; returns its planner."""
-    variant = VARIANTS[name]
+    variant = (VARIANTS | ROBOTS)[name]
     task = replace(env.Task(), **variant.get("task", {}))
     imu = variant.get("imu", False)
 
-    walk = common.without_reflex(sim) if "reflex" in variant else None
+    walk = common.without_reflex(sim) if name == BLIND else None
     make_envs = partial(
         env.FootstepVectorEnv,
         sim=sim,
@@ -111,16 +115,16 @@ def ablate(sim, name, seed):
     path = folder / "row.json"
     if not path.is_file():
         planner = learn(sim, name, seed, STEPS, folder)
-        row = judged(planner, sim, "reflex" not in VARIANTS[name])
+        row = judged(planner, sim, name != BLIND)
         robot_model.write_text(path, json.dumps(row))
     return {"variant": name, "seed": seed, **common.read_json(path)}
 
 
-def study_ablations(args):
+def study_short(args, names):
     """One training after the other."""
-    jobs = [*product(VARIANTS, FEW)]
+    jobs = [*product(names, FEW)]
     rows = [ablate(args.sim, *job) for job in tqdm(jobs, unit=" trainings")]
-    return {"steps": STEPS, "goals": GOALS, "rows": rows}
+    return {"steps": STEPS, "rows": rows}
 
 
 BY_MODE = "reference, by its mode"
@@ -128,30 +132,34 @@ BY_MODE = "reference, by its mode"
 
 def long_row(sim, name, seed, far, push):
     """The row of a training as long as the shipped ones, made if it is not there: 1,000 walks."""
-    variant, folder = VARIANTS.get(name), common.RESULTS / sim / "seeds" / str(seed)
-    if variant:  # something differs in the training
+    folder, walk = common.RESULTS / sim / "seeds" / str(seed), None
+    if name == BLIND:
+        walk = common.without_reflex(sim)
         folder = common.work(sim, "ablations", f"{name}_{seed}_long")
         if not (folder / "policy.pt").is_file():
             learn(sim, name, seed, ppo.STEPS, folder)
     model, _ = ppo.load_policy(folder / "policy.pt")
     log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
     critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-    walk = common.without_reflex(sim) if variant else None
     planner = (ModePlanner if name == BY_MODE else evaluate.PolicyPlanner)(model)
     with common.world(sim, push=push, walk=walk) as world:
         row = common.row_of(common.walks(planner, world, far, sets=2), "policy", far)
-    return {"variant": name, "seed": seed, "critic": round(critic, 3), "push": push, **row}
+    return {"variant": name, "seed": seed, "critic": float(critic), "push": push, **row}
 
 
 def study_long(args):
     """The shipped training by both rules, and the other one with its seed."""
     seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
-    jobs = product(("reference", BY_MODE, "without the reflex"), (False, True), (0.0, 0.4))
+    jobs = product(("reference", BY_MODE, BLIND), (False, True), (0.0, 0.4))
     rows = [long_row(args.sim, name, seed, far, push) for name, far, push in jobs]
-    return {"steps": ppo.STEPS, "rows": rows}
+    return {"rows": rows}
 
 
-PARTS = {"ablations": study_ablations, "long": study_long}
+PARTS = {
+    "ablations": partial(study_short, names=VARIANTS),
+    "robots": partial(study_short, names=ROBOTS),
+    "long": study_long,
+}
 
 
 LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "critic": 2}
@@ -160,7 +168,8 @@ LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "c
 def table(found, sim):
     """Every training."""
     columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
-    return common.sections(found, {"ablations": columns, "long": {"goal_std_m": 1} | LONG})
+    long = {"goal_std_m": 1} | LONG
+    return common.sections(found, {"ablations": columns, "robots": columns, "long": long})
 
 
 def found(data):
@@ -178,19 +187,16 @@ def found(data):
     )
     usual, blind = (
         common.values(long, "time_mean", goal_std_m=1.0, push=0.0, variant=name)[0]
-        for name in ("reference", "without the reflex")
+        for name in ("reference", BLIND)
     )
-    wide = [
-        f"{mean(short, 'time_mean', variant=name):.1f} s with {name}"
-        for name in dict.fromkeys(row["variant"] for row in short)
-        if name.startswith("256")
-    ]
+    wide = data["pymunk"]["robots"]["rows"]
+    times = (f"{mean(wide, 'time_mean', variant=name):.1f} s with {name}" for name in ROBOTS)
     return {
         "rewards": f"On the plane the mean success is {share(distance)} without the reward for "
         f"distance and {share(angle)} without the one for the angle. All other variants arrive.",
         "sharpening": "So short a training is sharpened too soon: without sharpening the walks "
         f"take {plain:.1f} s, with it {sharp:.1f} s.",
-        "robots": f"With 64 robots they take {sharp:.1f} s, {' and '.join(wide)}." if wide else "",
+        "robots": f"After {STEPS:,} double steps on the plane the walks take {', '.join(times)}.",
         "blind": f"Trained without the reflex, a policy needs {blind:.1f} s to far goals instead of "
         f"{usual:.1f} s.",
         "long": "Long trainings in 3-D, on the way to far goals:\n\n"

@@ -201,14 +201,16 @@ def table(found, sim):
 def plot(found, sim):
     """Time over falls, without pushes and with them: what speed costs."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
-    for axis, key, title in zip(axes, ("fall", "pushed"), ("near and far", "far, pushed")):
-        for part in SHOWN.keys() & found.keys():
-            rows = found[part].get("finalists") or found[part]["rows"]
-            share = [100 * row[key] for row in rows]
-            time = [row["time"] for row in rows]
-            axis.plot(share, time, SHOWN[part], color=common.COLORS[part], label=part)
-        axis.set(xlabel=f"falls, {title} [% of the walks]", xlim=(0, None))
-        axis.legend()
+    titles = "near and far, % of 2,000 walks", "far, pushed, % of 1,000 walks"
+    for axis, key, title in zip(axes, ("fall", "pushed"), titles):
+        for part, marker in SHOWN.items():
+            if part in found:
+                rows = found[part].get("finalists") or found[part]["rows"]
+                share = [100 * row[key] for row in rows]
+                time = [row["time"] for row in rows]
+                axis.plot(share, time, marker, color=common.COLORS[part], label=part)
+        axis.set(xlabel=f"falls: {title}", xlim=(0, None))
+    axes[0].legend()
     axes[0].set_ylabel("mean time, near and far [s]")
     figure.suptitle(f"What speed costs: settings and trainings by time and falls ({sim})")
     return figure
@@ -216,14 +218,18 @@ def plot(found, sim):
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
-    tuned, by_hand = (data["mujoco"][part] for part in ("baseline_tuned", "expert"))
-    time, other = (
-        common.pick(part["finalists"], chosen=True)[0]["time"] for part in (tuned, by_hand)
+    parts = data["mujoco"]
+    (tuned,), (by_hand,) = (
+        common.pick(parts[part]["finalists"], chosen=True) for part in ("baseline_tuned", "expert")
     )
+    times, falls = ([row[key] for row in parts["policy"]["rows"]] for key in ("time", "fall"))
     return {
-        "tuned": f"In 3-D `baseline_tuned` needs {time:.1f} s for near and far goals together, the "
-        f"paper's settings {tuned['paper']['time']:.1f} s.",
-        "expert": f"`expert` needs {other:.1f} s.",
+        "tuned": f"In 3-D `baseline_tuned` needs {tuned['time']:.1f} s for near and far goals "
+        f"together, the paper's settings {parts['paper']['time']:.1f} s.",
+        "expert": f"`expert` needs {by_hand['time']:.2f} s and falls in "
+        f"{common.share(by_hand['fall'], 2)}; on the same goals the trainings of the policy need "
+        f"{min(times):.2f} to {max(times):.2f} s and fall in {common.share(min(falls), 2)} to "
+        f"{common.share(max(falls), 2)}.",
     }
 
 

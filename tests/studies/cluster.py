@@ -204,7 +204,6 @@ def study_speed(args):
         rows.append(
             {
                 "training": f"{actors} actors" if actors else "stage 04 alone",
-                "seconds": seconds,
                 "double_steps_per_second": SHORT / seconds,
                 "equal": ppo.torch.equal(weights, alone),
             }
@@ -217,7 +216,7 @@ PARTS = {"speed": study_speed}
 
 def table(found, sim):
     """Every training."""
-    columns = {"training": 0, "seconds": 1, "double_steps_per_second": 0, "equal": 0}
+    columns = {"training": 0, "double_steps_per_second": 0, "equal": 0}
     return common.sections(found, {"speed": columns})
 
 

@@ -106,8 +106,6 @@ HEADS = {
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
-    "factor": "size of steps",
-    "change": "largest change",
     "blocks": "blocks up to [m]",
     "touches": "touches a disc",
     "time_over_way": "time ÷ (way / 0.35 m/s)",

@@ -31,7 +31,6 @@ def learn(sim, seed):
         raise robot_model.InputError(
             "first: python -m pip install stable-baselines3==2.9.2"
         ) from error
-    torch.set_num_threads(1)  # as in stage 04
     first = ppo.random_seed(seed) % 2**31  # near seeds would share most of their robots' worlds
     settings = {"sim": sim, "noise": True}
     envs = make_vec_env(env.FootstepEnv, CFG.num_envs, first, env_kwargs=settings)

@@ -215,7 +215,6 @@ def table(found, sim):
     end = {
         "falls": 0,
         "success": 4,
-        "timeout": 4,
         "time_mean": 2,
         "time_median": 2,
         "time_p95": 2,
