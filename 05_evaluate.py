@@ -384,23 +384,24 @@ def draw_scene(axes, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
     camera = robot_model.camera_at()
     axes.clear()
-    robot_model.draw_ground(axes, camera)
+    robot_model.draw_ground(axes, camera, 4)
     draw_way(axes, goal, feet, camera)
     robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], camera)
     axes.set_title(title)
 
 
 def plot_race(walks, path, every=10, more=lambda axes: None):
-    """Walks to one goal by planner, side by side, at twice their speed, for 14 s at most. It draws
+    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. It draws
     every tenth tick, and calls more(axes) after each.
     """
-    last = min(max(len(walk["torso"]) for walk in walks.values()), 1400) - 1
+    last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
     ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
     seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
     # A margin [m] for the robot, which is 0.8 m tall
     (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
-    height = 3.5 * (high - low) / (right - left) + 0.6
-    figure, axes = plt.subplots(1, len(walks), figsize=(3.5 * len(walks), height), squeeze=False)
+    width = min(7, 10.5 / len(walks))  # [inch] of a panel
+    size = width * len(walks), width * (high - low) / (right - left) + 0.6
+    figure, axes = plt.subplots(1, len(walks), figsize=size, squeeze=False)
 
     def draw(tick):
         for panel, (name, walk) in zip(axes[0], walks.items()):

@@ -213,7 +213,7 @@ def study(args):
                 planners.append(planner)
     # It aims at the rim of the tolerance; how long it stays there does not count here.
     costs = [baseline.cost(row, {"still_there": 0.0}) for row in tried]
-    best = int(np.argmin(costs))
+    best = np.argmin(costs)
     path = args.out.parent / "search.npz"
     write_map(path, args.sim, tried[best]["factor"], planners[best].known)
     return {"rows": [row | {"chosen": row is tried[best]} for row in tried]}
