@@ -37,13 +37,14 @@ def one_process(monkeypatch):
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
     study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
     assert "?" in study.__doc__.splitlines()[0], "the first line is the question it answers"
-    part, *more = study.PARTS
+    part = next(iter(study.PARTS))
     monkeypatch.setitem(study.PARTS, part, lambda args: {"rows": []})
     for fake in ("table", "plot"):
         monkeypatch.setattr(study, fake, lambda found, sim: "a table\n", raising=False)
     monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: path.write_text(figure))
     main = getattr(study, "main", partial(common.main, name))
-    main([flag, "--out", str(tmp_path), *["--only", part] * bool(more)])
+    only = ["--only", part] if part and name != "walk" else []
+    main([flag, "--out", str(tmp_path), *only])
     assert capsys.readouterr().out.splitlines()[0].endswith(f": {study.DURATION}")
     files = {path.name for path in tmp_path.iterdir()}
     assert files == {f"{name}.json", f"{name}.md", f"{name}.png"}

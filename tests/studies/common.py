@@ -291,7 +291,7 @@ def readme_findings():
         f"*The seed of a training matters little.* {seeds['trainings']}",
         f"*Far away.* {seeds['distances']}",
         f"*The estimate is as good as it claims.* {seeds['estimate']}",
-        f"*Worse sensors (a policy of the robot before).* {kicks['slow']} {kicks['gyro']}",
+        f"*Worse sensors.* {kicks['slow']} {kicks['gyro']}",
         f"*The feet drag.* {walk['clearance']}",
     ]
     return "".join(f"- {line}\n" for line in lines)
