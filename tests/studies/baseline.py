@@ -208,7 +208,7 @@ def plot(found, sim):
                 rows = found[part].get("finalists") or found[part]["rows"]
                 share = [100 * row[key] for row in rows]
                 time = [row["time"] for row in rows]
-                axis.plot(share, time, marker, color=common.COLORS[part], label=part)
+                axis.plot(share, time, marker, ms=10, color=common.COLORS[part], label=part)
         axis.set(xlabel=f"falls: {title}", xlim=(0, None))
     axes[0].legend()
     axes[0].set_ylabel("mean time, near and far [s]")
