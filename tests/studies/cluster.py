@@ -208,7 +208,7 @@ def study_speed(args):
                 "equal": ppo.torch.equal(weights, alone),
             }
         )
-    return {"rows": rows, "steps": SHORT}
+    return {"rows": rows}
 
 
 PARTS = {"speed": study_speed}
