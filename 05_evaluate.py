@@ -391,8 +391,8 @@ def draw_scene(axes, goal, feet, torso, joints, title):
 
 
 def plot_race(walks, path, every=10, more=lambda axes: None):
-    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. It draws
-    every tenth tick, and calls more(axes) after each.
+    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
+    is drawn every so many ticks; more(axes) may add to it.
     """
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
     ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
@@ -507,10 +507,9 @@ def play(world, planners, speed):
         clock += not arrived  # then it stops
         arrived |= result["success"][0]
         seconds = (clock - arrived) * engine.period  # to the first of two inside
-        state = "arrived after " if arrived else ""
         title = (
-            f"{name}, reflex {'on' if reflex else 'off'}: {state}{seconds:.1f} s\n"
-            f"{pushes} pushes, {falls} falls"
+            f"{name}, reflex {'on' if reflex else 'off'}: "
+            f"{'arrived after ' if arrived else ''}{seconds:.1f} s\n{pushes} pushes, {falls} falls"
         )
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
             draw_scene(axes, goal, feet[-20:], torso, joints, title)
@@ -701,7 +700,10 @@ def load_planner(path):
     if path.suffix != ".py" or not path.is_file():
         raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    names = runpy.run_path(str(path), run_name=path.as_posix())
+    try:
+        names = runpy.run_path(str(path), run_name=path.as_posix())
+    except SystemExit as error:
+        raise robot_model.InputError(f"{path}: ends Python when it is read") from error
     if "Planner" not in names:
         raise robot_model.InputError(f"{path}: defines no class Planner")
     return names["Planner"]()
@@ -733,7 +735,7 @@ def choose_planners(world, policies=(), planners=()):
     for path in (*(policies or [default_policy(world.sim)]), *planners):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
-            name = path.with_suffix("").as_posix()
+            name = path.as_posix()
         if path in planners:
             chosen[name] = load_planner(path)
             shown = name if shown == "policy" else shown  # your own, the first one

@@ -575,15 +575,18 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(
     assert list(planners) == ["policy", "baseline_tuned", "baseline"]
     assert planners["baseline"].settings == B, "those of the paper"
     assert planners["baseline_tuned"].settings == evaluate.TUNED_BASELINE["pymunk"] != B
-    files = [Path(name) for name in ("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt")]
+    files = [
+        Path(name) for name in ("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt", "mine.pt")
+    ]
     policies = [save_untrained(file, imu="imu" in file.parts) for file in files]
     mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
     capsys.readouterr()
     planners, facts, shown = evaluate.choose_planners(one_robot, policies, mine)
-    names = "policy a/policy imu/policy seed_1 mine b/mine b/baseline baseline_tuned baseline"
+    files = "policy a/policy.pt imu/policy.pt seed_1 mine mine.py b/mine.py b/baseline.py"
+    names = f"{files} baseline_tuned baseline"
     assert " ".join(planners) == names, "called like the file, by its path if that is taken"
-    assert (facts["file"], shown) == ("first.pt", "mine"), "your own planner before the policies"
-    assert [planners[name].columns for name in ("a/policy", "imu/policy")] == [20, 25]
+    assert (facts["file"], shown) == ("first.pt", "mine.py"), "your own planner before the policies"
+    assert [planners[name].columns for name in ("a/policy.pt", "imu/policy.pt")] == [20, 25]
     said = capsys.readouterr().out
     assert "note" not in said, "all of them were trained in this world"
     assert said.splitlines()[1].startswith("a/policy"), "say which file is judged"
@@ -618,6 +621,7 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
     (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: defines no class Planner"),
+    (["--planner", "leaves.py"], "leaves.py: ends Python when it is read"),
     (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
 ], ids=str)  # fmt: skip
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
@@ -626,6 +630,7 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     blind["fits"]["observation"] = ["all"]
     ppo.save_plain(Path("blind.pt"), blind)
     Path("text.py").write_text("class Other: pass")
+    Path("leaves.py").write_text("import sys\nsys.exit()")
     assert mention.replace("/", os.sep) in refused(*flags).replace("/", os.sep)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import seeds
 from common import RESULTS, env, robot_model, share
 
-DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 and 20"
+DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 each, blocks 10"
 SETS = 1  # of 500 goals, for every push and world
 FEW = 250  # goals on blocks, where MuJoCo is half as fast
 BLOCKS = (0.005, 0.010)  # [m] heights from 0 to this

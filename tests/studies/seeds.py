@@ -166,7 +166,6 @@ AXES = {"x": "m", "y": "m", "yaw": "rad"}
 def study_estimate(args):
     """Root mean square error, and what the filter takes for it (claimed), by distance."""
     policy, rows = common.policy(RESULTS / args.sim / "policy.pt", args.sim), []
-
     for name, settings in FILTERS.items():
         with common.world(args.sim, Watched, **settings) as world:
             common.walks(policy, world, far=True, sets=1)
