@@ -81,14 +81,14 @@ class BaselineSettings(robot_model.Checked):
 
 TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-25
     "pymunk": BaselineSettings(
-        forward=0.5232,
-        backward=0.5136,
-        sideways=0.2712,
-        turning=1.6075,
-        gain=0.8537,
-        turning_gain=0.6054,
-        far_m=0.8985,
-        time_constant=0.2408,
+        forward=0.5066,
+        backward=0.5038,
+        sideways=0.3121,
+        turning=1.3491,
+        gain=0.8405,
+        turning_gain=0.7685,
+        far_m=0.868,
+        time_constant=0.2398,
         share=True,
     ),
     "mujoco": BaselineSettings(

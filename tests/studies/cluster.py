@@ -203,7 +203,7 @@ def study_speed(args):
         alone = weights if alone is None else alone
         rows.append(
             {
-                "training": f"{actors} actors" if actors else "stage 04 alone",
+                "training": f"actors: {actors}" if actors else "stage 04 alone",
                 "double_steps_per_second": SHORT / seconds,
                 "equal": ppo.torch.equal(weights, alone),
             }
@@ -224,7 +224,7 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     alone, *actors = data["mujoco"]["speed"]["rows"]
     speeds = {row["training"]: row["double_steps_per_second"] for row in (alone, *actors)}
-    told = ", ".join(f"{speed:.0f} with {name}" for name, speed in speeds.items())
+    told = ", ".join(f"{speed:.0f} ({name})" for name, speed in speeds.items())
     equal = all(row["equal"] for row in actors)
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "

@@ -30,7 +30,7 @@ env = import_module("03_env")
 ppo = import_module("04_ppo")
 evaluate = import_module("05_evaluate")
 
-SEEDS = {"mujoco": (0, 1, 2), "pymunk": (0, 1, 2)}  # of the shipped trainings
+SEEDS = {"mujoco": (0, 1, 2, 3, 4), "pymunk": (0, 1, 2)}  # of the trainings
 FEW = (0, 1, 2)  # of all others
 COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
 PER_SET = 500  # goals in a set
