@@ -222,14 +222,13 @@ def table(found, sim):
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
-    alone, *actors = data["mujoco"]["speed"]["rows"]
-    speeds = {row["training"]: row["double_steps_per_second"] for row in (alone, *actors)}
-    told = ", ".join(f"{speed:.0f} ({name})" for name, speed in speeds.items())
-    equal = all(row["equal"] for row in actors)
+    rows = data["mujoco"]["speed"]["rows"]
+    told = (f"{row['double_steps_per_second']:.0f} ({row['training']})" for row in rows)
+    equal = all(row["equal"] for row in rows)
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
         f"stage 04 alone, bit for bit.",
-        "speed": f"Double steps per second in 3-D, on one machine: {told}.",
+        "speed": f"Double steps per second in 3-D, on one machine: {', '.join(told)}.",
     }
 
 
