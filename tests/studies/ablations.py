@@ -187,8 +187,8 @@ def found(data):
         for name in ("reference", BLIND)
     )
     return {
-        "rewards": f"On the plane {distance} of the walks arrive without the reward for distance, and "
-        f"{share(min(arrived.values()))} or more with every other variant.",
+        "rewards": f"On the plane {distance} of the walks arrive without the reward for distance; in "
+        f"the worst of the other variants {share(min(arrived.values()))} do.",
         "sharpening": "So soon, the walks of the Beta policy take {0:.1f} s with sharpening and "
         "{3:.1f} s without, those of a Gaussian one {1:.1f} s and {2:.1f} s.".format(
             *means("ablations", "time_mean", [*VARIANTS][:4])

@@ -284,8 +284,8 @@ def readme_findings():
 
     seeds, kicks, walk = map(said, ("seeds", "kicks", "walk"))
     lines = [
-        f"*The reflex keeps the robot up.* {kicks['pushed']} {said('ablations')['blind']} "
-        f"{kicks['blocks']}",
+        f"*The reflex keeps the robot up.* {kicks['pushed']} {kicks['blocks']} "
+        f"{said('ablations')['blind']}",
         f"*Against the tuned controller* {against(tuned, 'baseline_tuned')}",
         f"*Against the best planner that we could write by hand* {against(expert, 'expert')} "
         f"{seeds['safety']}",
