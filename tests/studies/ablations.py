@@ -189,12 +189,12 @@ def found(data):
     return {
         "rewards": f"On the plane {distance} of the walks arrive without the reward for distance; in "
         f"the worst of the other variants {share(min(arrived.values()))} do.",
-        "sharpening": "So soon, the walks of the Beta policy take {0:.1f} s with sharpening and "
-        "{3:.1f} s without, those of a Gaussian one {1:.1f} s and {2:.1f} s.".format(
+        "sharpening": "The walks take {0:.1f} s with a Beta policy and {3:.1f} s if it is not "
+        "sharpened; {1:.1f} s with a Gaussian one and {2:.1f} s if it is not sharpened.".format(
             *means("ablations", "time_mean", [*VARIANTS][:4])
         ),
-        "robots": "The walks take {:.1f} s with 64 robots, {:.1f} s with 256, and {:.1f} s with 256 "
-        "and rollouts of 4.".format(*means("robots", "time_mean", ROBOTS)),
+        "robots": "After as many double steps they take {:.1f} s with 64 robots, {:.1f} s with 256, "
+        "and {:.1f} s with 256 and rollouts of 4.".format(*means("robots", "time_mean", ROBOTS)),
         "blind": f"Trained without the reflex, a policy falls in {blind} of 1,000 pushed walks to "
         f"other far goals; trained with it, in {usual}.",
         "long": "Long trainings in 3-D, on the way to far goals:\n\n"
