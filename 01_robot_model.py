@@ -391,6 +391,59 @@ def fallen(torso, standing_height):
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
 
+# ------------------------------------------------------------------------ demonstration
+def centre_of_mass(robot, torso, joints):
+    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
+    points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
+    trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
+    # We take the centres of thigh and shin to be in their middle, so each end gets half of the
+    # mass. That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
+    thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
+    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
+    x, _, z = robot.foot.com
+    legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
+    return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
+
+
+def main():
+    args = stage_parser(__doc__).parse_args()
+    out = output_folder(args)
+    robot = RobotModel()
+    leans = np.linspace(0.2, 0.4, 201)  # [rad]
+    standing = stance(robot, planar=args.sim == "pymunk")
+    joints = np.tile(standing[1], (len(leans), 1001, 1))  # [N, T + 1, 12] for 10 s
+    # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
+    # right, tilts all the rest forward.
+    share = np.clip(np.linspace(-1, 9, 1001) / 8, 0, 1)  # [T + 1] of the lean
+    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    trunk = np.zeros_like(joints[..., :6])
+    nobody_pushes = np.zeros_like(joints[:, 1:, :2])
+    sim = make_sim(args.sim, len(leans), standing)
+    motion = sim.run(np.arange(len(leans)), Trajectory(joints, trunk, nobody_pushes))
+    sim.close()
+    if not motion.fell.any():
+        raise InputError(f"no lean from {leans[0]} to {leans[-1]} rad was enough to fall")
+    i = motion.fell.argmax()  # the first one
+    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
+    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
+    moments = slice(down - 60, down + 1, 10)  # seven
+    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
+
+    figure, axes = plt.subplots()
+    camera = camera_at(-90, 10)
+    draw_ground(axes, camera, 0.5)
+    draw_robots(axes, robot, torso, joints, camera)
+    _, right, up = camera @ centre_of_mass(robot, torso, joints).T
+    axes.plot(right, up, "k.-")
+    axes.axvline(robot.foot_front, color="black", ls=":")
+    axes.set_title(
+        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
+        "dots: centre of mass; dotted line: the toes, as they stood"
+    )
+    save_figure(figure, out / "01_robot.png")
+    print("Look at", out / "01_robot.png")
+
+
 # ------------------------------------------------------------------------ MuJoCo, 3-D
 def inertial(link, side=1):
     """A link's mass in MuJoCo's model language; side −1 mirrors its place."""
@@ -857,7 +910,7 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     return Workers(num_robots, standing, robot, cores)
 
 
-# ------------------------------------------------------------------------ demonstration
+# ------------------------------------------------------------------------ drawing
 # Trunk, head and nose: both ends of a line in the torso's frame [m]; the last two are only drawn.
 # Then colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
 UPPER_ENDS = np.array(
@@ -910,58 +963,6 @@ def draw_ground(axes, camera, size=2):
             axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
-
-
-def centre_of_mass(robot, torso, joints):
-    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
-    trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
-    # We take the centres of thigh and shin to be in their middle, so each end gets half of the
-    # mass. That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
-    thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
-    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
-    x, _, z = robot.foot.com
-    legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
-    return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
-
-
-def main():
-    args = stage_parser(__doc__).parse_args()
-    out = output_folder(args)
-    robot = RobotModel()
-    leans = np.linspace(0.2, 0.4, 201)  # [rad]
-    standing = stance(robot, planar=args.sim == "pymunk")
-    joints = np.tile(standing[1], (len(leans), 1001, 1))  # [N, T + 1, 12] for 10 s
-    # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
-    # right, tilts all the rest forward.
-    share = np.clip(np.linspace(-1, 9, 1001) / 8, 0, 1)  # [T + 1] of the lean
-    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    trunk = np.zeros_like(joints[..., :6])
-    nobody_pushes = np.zeros_like(joints[:, 1:, :2])
-    sim = make_sim(args.sim, len(leans), standing)
-    motion = sim.run(np.arange(len(leans)), Trajectory(joints, trunk, nobody_pushes))
-    sim.close()
-    if not motion.fell.any():
-        raise InputError(f"no lean from {leans[0]} to {leans[-1]} rad was enough to fall")
-    i = motion.fell.argmax()  # the first one
-    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
-    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
-    moments = slice(down - 60, down + 1, 10)  # seven
-    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
-
-    figure, axes = plt.subplots()
-    camera = camera_at(-90, 10)
-    draw_ground(axes, camera, 0.5)
-    draw_robots(axes, robot, torso, joints, camera)
-    _, right, up = camera @ centre_of_mass(robot, torso, joints).T
-    axes.plot(right, up, "k.-")
-    axes.axvline(robot.foot_front, color="black", ls=":")
-    axes.set_title(
-        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
-        "dots: centre of mass; dotted line: the toes, as they stood"
-    )
-    save_figure(figure, out / "01_robot.png")
-    print("Look at", out / "01_robot.png")
 
 
 # ------------------------------------------------------------------------ several processes
