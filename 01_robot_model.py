@@ -6,17 +6,19 @@ of sections and references are the paper's. `tests/exercises/ledger.md` lists wh
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
-201 robots stand for a second. Then each one leans forward slowly, to an angle of its own. The robot
-that fell at the smallest lean is drawn in `runs/<sim>/01_robot.png`. This takes 4 seconds; nothing
-is drawn at random, so `--seed` changes nothing here. Predict that lean, to three digits: the feet
-(1.19 kg, centre of mass 0.006 m ahead of the ankle axes) stand still, and all the rest (4.93 kg,
-0.0127 m ahead of these axes and 0.3993 m above them) turns about the ankles. At which angle is the
-centre of mass of the whole robot above the toes? The plane should agree with your pencil. In 3-D
-a servo is a spring, see `stiffness`: by how much does it give way, and does that help or hurt?
+Draws the robot with its lengths (`runs/<sim>/01_standing.png`). Then 101 robots stand for a second.
+Each one leans forward within eight seconds, slowly at the beginning and at the end, to an angle of
+its own between 0.25 and 0.35 rad, and waits there for three seconds. The robot that fell at the
+smallest lean is drawn in `01_robot.png`. This takes 4 seconds; nothing is random, so `--seed`
+changes nothing here. Predict that lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the
+ankle axes) stand still. All the rest (4.93 kg) turns about the ankles; as the robot stands, its
+centre of mass is 0.0127 m ahead of these axes and 0.3993 m above them. The toes are 0.108 m ahead
+of the axes. After which turn is the centre of mass of the whole robot above the toes? On the plane
+the robot falls 0.002 rad earlier than your pencil says: even a slow lean has some speed. In 3-D a
+servo is a spring (`stiffness`), and two ankles share the load: by how much does it give way, and
+does that help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
 
-How to read this file: first the settings, the kinematics and `fallen`, then `main`. Of the two
-simulators MujocoSim is the shorter one; PymunkSim is the one that runs without a flag. Skip the
-drawing, and all that stands behind "several processes": no later stage asks for it.
+How to read this file: down to the double rule; below it stand the simulators, then the plumbing.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -60,70 +62,44 @@ soles touch anything.
     Competitions.
 """
 
+import contextlib
 import copy
 import importlib.util
-import itertools
 import math
-import multiprocessing
 import os
-import signal
 import sys
 import tempfile
-import threading
+import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, is_dataclass
+from functools import cache
 from pathlib import Path
 
+import matplotlib
 import matplotlib.pyplot as plt
 import numpy as np
-import pymunk.batch
+import pymunk
 from matplotlib.colors import to_rgb
-
-STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
-plt.rcParams.update(STYLE)
 
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
-READ_EVERY = 2  # [ticks] how often the gyro is read, see `Trajectory.feedback`; our choice
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-class Checked:
-    """Settings that are finite, and 0 or more but for those that are named; else a ValueError."""
-
-    above_zero = ()
-    may_be_negative = ()
-
-    def __post_init__(self):
-        for name, value in vars(self).items():
-            if isinstance(value, Checked):
-                continue
-            numbers = np.array(value, float)
-            right = np.isfinite(numbers)
-            if name not in self.may_be_negative:
-                right &= (numbers > 0) | (numbers == 0) & (name not in self.above_zero)
-            if not right.all():
-                raise ValueError(f"{type(self).__name__}: {name} cannot be {value!r:.80}")
+GROUND = [0, 1, 5]  # x, y, yaw of a torso's pose: where it stands on the floor
+READ_EVERY = 2  # [ticks] how often the gyro is read; our choice
 
 
 @dataclass(frozen=True)
-class Link(Checked):
+class Link:
     """A rigid body. `com` is seen from the joint above (torso: its frame); y outward for a leg."""
 
     mass: float  # [kg]
     com: tuple  # [m] centre of mass (x, y, z)
     inertia: tuple  # [kg m²] about the centre of mass (x, y, z)
 
-    above_zero = ("mass", "inertia")
-    may_be_negative = ("com",)
-
 
 @dataclass(frozen=True)
-class RobotModel(Checked):
+class RobotModel:
     """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
 
     # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
@@ -144,32 +120,20 @@ class RobotModel(Checked):
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
-    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] there no torque is left
+    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] here no torque is left
     joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad]
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
     # The world.
-    friction: float = 0.7  # [-] foot on ground, μ; the robot's own simulator: 0.5
+    friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
     gravity: float = 9.81  # [m/s²]
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
     stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of its solver of forces; our choice, keeps joints together
+    planar_iterations: int = 20  # [-] of the constraint solver; our choice: joints stay together
     yaw_inertia: float = 0.05  # [kg m²] whole robot about the vertical; our estimate
-
-    above_zero = (
-        "thigh_length",
-        "shin_length",
-        "speed_limit",
-        "control_dt",
-        "substeps",
-        "stiffness",
-        "planar_iterations",
-        "yaw_inertia",
-    )
-    may_be_negative = ("hip_z", "joint_min", "joint_max")
 
     @property
     def hips(self):
@@ -178,14 +142,14 @@ class RobotModel(Checked):
 
     @property
     def damping(self):
-        """Back-EMF of the motors of a leg [6] [N m s/rad]: torque limit / speed limit. (A turning
-        motor is a generator, too, and brakes itself.)
+        """Back-EMF of a leg's motors, an array of 6 [N m s/rad]: torque limit / speed limit. (A
+        turning motor is a generator, too, and brakes itself.)
         """
         return np.divide(self.torque_limit, self.speed_limit)
 
 
 @dataclass
-class Body(Checked):
+class Body:
     """How n robots differ from the model; hidden from every planner. Stage 3 draws it (domain
     randomization)."""
 
@@ -195,36 +159,69 @@ class Body(Checked):
     stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
 
-    above_zero = ("mass",)
+    @classmethod
+    def as_model(cls, robot, n):
+        """The Body of n robots that do not differ from the model."""
+        return cls(
+            friction=np.full(n, robot.friction),
+            mass=np.ones((n, 9)),
+            stiffness=np.ones((n, 12)),
+            stiction=np.zeros((n, 12)),
+            delay=np.zeros(n, int),
+        )
 
 
 @dataclass
 class Trajectory:
-    """The commands for N robots in T control ticks, and what pushes them meanwhile. Sample k is the
-    target at the end of tick k; sample 0 repeats the last sample of the double step before."""
+    """The commands for n robots in T control ticks. Sample k is the target at the end of tick k;
+    sample 0 repeats the last sample of the double step before."""
 
-    joints: np.ndarray  # [N, T + 1, 12] joint targets [rad]
-    trunk: np.ndarray  # [N, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
-    push: np.ndarray  # [N, T, 2] [N] force on the torso: x, y; on the plane only ahead
+    joints: np.ndarray  # [n, T + 1, 12] joint targets [rad]
+    trunk: np.ndarray  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
+
+    def ended(self, tick):
+        """Which robots have no command left after so many ticks, [n] bool."""
+        return np.full(len(self.joints), tick >= self.joints.shape[1] - 1)
+
+    def targets(self, robot, tick, angular_velocity):
+        """What the robot's computer asks for every READ_EVERY ticks: the samples of the joint
+        targets from now on [n, ticks + 1, 12], and what is added to them [n, ticks, 12].
+
+        angular_velocity [n, 2]: of the torso about its x and y axes, as the gyro measures it now
+        [rad/s].
+        """
+        end = min(tick + READ_EVERY, self.joints.shape[1] - 1)
+        return self.joints[:, tick : end + 1], self.feedback(robot, tick, end, angular_velocity)
 
     def feedback(self, robot, tick, end, angular_velocity):
-        """What is added to the joint targets of the ticks from `tick` to `end`, [N, ticks, 12].
-
-        angular_velocity [N, 2]: of the torso about its x and y axes at the first of these ticks
-        [rad/s], which a gyro would measure. Here nothing is added (open loop); the plans of stage 2
-        have a reflex (closed loop).
+        """What is added to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
+        Here that is nothing (open loop); the plans of stage 2 have a reflex (closed loop).
         """
         return np.zeros((len(angular_velocity), end - tick, 12))
 
 
 @dataclass
-class Motion:
-    """What physics did with N robots: at the end of each of T control ticks, or at the very end."""
+class Disturbance:
+    """What happens to n robots in T control ticks, and nobody has planned."""
 
-    torso: np.ndarray  # [N, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
-    joints: np.ndarray  # [N, T, 12] measured [rad]; joints that the plane lacks: as commanded
-    angular_velocity: np.ndarray  # [N, 3] of the torso about its own axes [rad/s], at the very end
-    fell: np.ndarray  # [N] bool: fell at any control tick
+    push: np.ndarray  # [n, T, 2] [N] force on the torso: x, y; on the plane only ahead
+    gyro_error: np.ndarray  # [n, T, 2] [rad/s] measured − true angular velocity about x and y
+
+    @classmethod
+    def none(cls, plan):
+        """During this Trajectory nobody pushes, and the gyro is exact."""
+        n, samples, _ = plan.joints.shape
+        return cls(*np.zeros((2, n, samples - 1, 2)))
+
+
+@dataclass
+class Motion:
+    """What physics did with n robots: at the end of each of T control ticks, or at the very end."""
+
+    torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
+    joints: np.ndarray  # [n, T, 12] measured [rad]; joints that the plane lacks: as commanded
+    angular_velocity: np.ndarray  # [n, 3] of the torso about its own axes [rad/s], at the very end
+    fell: np.ndarray  # [n] bool: fell at any control tick
 
 
 # ------------------------------------------------------------------------ poses on the ground
@@ -291,9 +288,9 @@ def leg_inverse(robot, position, foot_turn):
     r"""Joint angles [..., 6] [rad] of one leg, analytically.
 
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
-    ankle out of reach is moved along its line to the hip, no farther than it must; at last the
-    angles are clipped to the joint limits. It is meant for feet below their hips that tilt by less
-    than half a turn: other angles may come back as other ones.
+    ankle out of reach is moved along its line to the hip, only as far as needed; finally the angles
+    are clipped to the joint limits. It is meant for feet below their hips that tilt by less than
+    half a turn; for others it may return angles that do not make this pose.
 
          o hip      Thigh, shin and the vector r from the ankle to the hip form a triangle. It lies
           \          in the plane in which the leg bends; hip pitch, knee and ankle pitch turn about
@@ -317,8 +314,8 @@ def leg_inverse(robot, position, foot_turn):
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
-    # Before the ankle rolls, r = (rx, 0, h). It turns by +roll as seen from the foot, so there it
-    # is r = (rx, h·sin roll, h·cos roll) with h > 0.
+    # Before the ankle rolls, r = (rx, 0, h). When the foot turns by +roll, r turns by −roll as seen
+    # from it: r = Rx(−roll)·(rx, 0, h) = (rx, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(ry, rz)
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
@@ -346,7 +343,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     below the ankle, yaw.
     """
     # Feet seen from a level frame at the trunk that turns with it  [..., 2] each
-    seen = relative(trunk[..., None, [0, 1, 5]], feet[..., [0, 1, 3]])
+    seen = relative(trunk[..., None, GROUND], feet[..., [0, 1, 3]])
     x, y, yaw = np.moveaxis(seen, -1, 0)
     if planar:
         y[:] = robot.hips[:, 1]
@@ -376,6 +373,14 @@ def body_points(robot, torso, joints):
     return world, base @ foot_turn
 
 
+def foot_poses(robot, torso, joints):
+    """Where the ankles are on the ground, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
+    torso [K, 6], joints [K, 12]."""
+    points, turn = body_points(robot, torso, joints)
+    yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2]
+    return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
+
+
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
     """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12].
     (Its numbers in [m] and [rad] are a first guess for this stage; stage 2 gives its own.)
@@ -386,7 +391,8 @@ def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_o
 
 
 def fallen(torso, standing_height):
-    """Fall [5]: the torso [..., 6] is below half its standing height or tilted beyond 45°."""
+    """Which poses are falls (Bestmann 2022), [...] bool: the torso [..., 6] is below half its
+    standing height, or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
@@ -397,7 +403,7 @@ def centre_of_mass(robot, torso, joints):
     points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
     trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
     # We take the centres of thigh and shin to be in their middle, so each end gets half of the
-    # mass. That of a foot is seen from the ankle. (The parts of parallel feet outward cancel.)
+    # mass. That of a foot is seen from the ankle. (The outward offsets of parallel feet cancel.)
     thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
     parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
     x, _, z = robot.foot.com
@@ -405,21 +411,59 @@ def centre_of_mass(robot, torso, joints):
     return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
 
 
+def plot_standing(robot, standing, path):
+    """The robot as it stands (torso [6], joints [12]) from its right side and from behind, with its
+    lengths in mm."""
+    torso, joints = standing
+    hip, knee, ankle, heel, toe = body_points(robot, torso, joints)[0][RIGHT]  # [3] each
+    frame, sole = torso[:3], ankle - [0, 0, robot.ankle_height]
+    low = frame + [0, 0, robot.hip_z]
+    edge = sole - [0, robot.foot_outward + robot.foot_width / 2, 0]
+    side = {
+        "thigh_length": (hip, knee),
+        "shin_length": (knee, ankle),
+        "ankle_height": (ankle, sole),
+        "foot_front": (sole, toe),
+        "foot_back": (heel, sole),
+    }
+    behind = {
+        "hip_z": (frame, low),
+        "hip_y": (low, low - [0, robot.hip_y, 0]),
+        "trunk_height": (frame, frame * [1, 1, 0]),
+        "foot_width": (edge, edge + [0, robot.foot_width, 0]),
+    }
+    figure, panels = plt.subplots(1, 2, figsize=(9, 5.9), sharey=True)
+    for panel, azimuth, lengths in zip(panels, (-90, 180), (side, behind)):
+        camera = camera_at(azimuth, 0)
+        draw_robots(panel, robot, torso[None], joints[None], camera)
+        for height, (name, ends) in zip(np.linspace(0.3, -0.05, len(lengths)), lengths.items()):
+            seen = np.array(ends) @ camera[1:].T  # [2, 2]
+            panel.plot(*seen.T, "k.-")
+            text = f"{name} {1000 * np.linalg.norm(ends[1] - ends[0]):.0f}"
+            line = {"arrowstyle": "-", "color": "0.5"}
+            panel.annotate(text, seen.mean(0), (0.18, height), va="center", arrowprops=line)
+        panel.set(aspect="equal", xlim=(-0.3, 0.42), xlabel="[m]")
+    panels[0].set(title="from its right side, lengths in mm", ylabel="[m]")
+    panels[1].set(title="from behind")
+    save_figure(figure, path)
+
+
 def main():
     args = stage_parser(__doc__).parse_args()
     out = output_folder(args)
     robot = RobotModel()
-    leans = np.linspace(0.2, 0.4, 201)  # [rad]
-    standing = stance(robot, planar=args.sim == "pymunk")
-    joints = np.tile(standing[1], (len(leans), 1001, 1))  # [N, T + 1, 12] for 10 s
-    # Stand for a second, then lean for eight. The feet stand, so a negative ankle pitch, left and
-    # right, tilts all the rest forward.
-    share = np.clip(np.linspace(-1, 9, 1001) / 8, 0, 1)  # [T + 1] of the lean
+    standing = stance(robot, SIMULATORS[args.sim].planar)
+    plot_standing(robot, standing, out / "01_standing.png")
+
+    leans = np.linspace(0.25, 0.35, 101)  # [rad]
+    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
+    # Stand for a second, lean within eight, then wait: near its edge a fall takes seconds. The feet
+    # stand, so a negative ankle pitch, left and right, tilts all the rest forward.
+    time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
+    share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    trunk = np.zeros_like(joints[..., :6])
-    nobody_pushes = np.zeros_like(joints[:, 1:, :2])
     sim = make_sim(args.sim, len(leans), standing)
-    motion = sim.run(np.arange(len(leans)), Trajectory(joints, trunk, nobody_pushes))
+    motion = sim.run(np.arange(len(leans)), Trajectory(joints, np.zeros_like(joints[..., :6])))
     sim.close()
     if not motion.fell.any():
         raise InputError(f"no lean from {leans[0]} to {leans[-1]} rad was enough to fall")
@@ -441,19 +485,79 @@ def main():
         "dots: centre of mass; dotted line: the toes, as they stood"
     )
     save_figure(figure, out / "01_robot.png")
-    print("Look at", out / "01_robot.png")
+    print("Look at 01_standing.png and 01_robot.png in", out)
+
+
+# ======================================================================== the end of a first reading
+# ------------------------------------------------------------------------ the control loop
+class Simulator:
+    """N robots, and the computer that every robot carries: it reads the gyro, asks the plan for
+    joint targets, and hands them to the motors. A kind of physics is a class that adds
+
+        place(robots, body)             these robots stand at the origin; body: None, as before
+        gyro(robots)                    angular velocity of the torso about its x and y, [n, 2]
+        advance(robots, targets, push)  some ticks of physics: states [n, ticks, …]; it keeps
+                                        `state` [N, …], that of now
+        motion(robots, plan, states)    of [n, T + 1, …]: torso [n, T, 6], joints [n, T, 12], the
+                                        last angular velocity [n, 3], who diverged [n]
+        close()                         if it has something to end
+
+    where targets [n, ticks, 2, 12] are joint targets [rad] and their rates [rad/s], and push
+    [n, ticks, 2] is the force on the torso [N].
+    """
+
+    planar = False  # do the robots live in the sagittal plane?
+    LEAD = 1  # a tick gets the target of its beginning (0), or of its end (1)
+
+    def __init__(self, num_robots, standing, robot):
+        check_robot(robot)
+        self.robot = robot
+        self.standing = standing  # torso [6], joints [12], see `stance`
+        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        self.last = np.zeros((num_robots, 2, 12))  # joint targets of the last tick, and their rates
+
+    def reset(self, robots, body=None):
+        """Robots [n] stand at the origin again; body: their Body, None: as before."""
+        self.last[robots] = self.standing[1], np.zeros(12)
+        if body is not None:
+            check(body, above_zero=("mass",))
+            self.delay[robots] = body.delay
+        self.place(robots, body)
+
+    def run(self, robots, plan, disturbance=None):
+        """Let these robots [n] follow their plan, a Trajectory; returns their Motion."""
+        disturbance = disturbance or Disturbance.none(plan)
+        states, tick = [self.state[robots][:, None]], 0
+        while not plan.ended(tick).all():
+            measured = self.gyro(robots) + disturbance.gyro_error[:, tick]
+            samples, added = plan.targets(self.robot, tick, measured)
+            rates = np.diff(samples, axis=1) / self.robot.control_dt  # [n, ticks, 12] [rad/s]
+            end = tick + rates.shape[1]
+            angles = samples[:, self.LEAD :][:, : end - tick] + added
+            now = np.stack([angles, rates], 2)  # [n, ticks, 2, 12]
+            late = np.concatenate([self.last[robots][:, None], now[:, :-1]], 1)  # by a tick
+            self.last[robots] = now[:, -1]
+            sent = np.where(self.delay[robots, None, None, None], late, now)
+            states.append(self.advance(robots, sent, disturbance.push[:, tick:end]))
+            tick = end
+        torso, joints, angular_velocity, lost = self.motion(robots, plan, np.concatenate(states, 1))
+        fell = fallen(torso, self.standing[0][2]).any(1) | lost
+        return Motion(torso, joints, angular_velocity, fell)
+
+    def close(self):
+        """It has nothing to end."""
 
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
 def inertial(link, side=1):
-    """A link's mass in MuJoCo's model language; side −1 mirrors its place."""
+    """A link's mass in MJCF, MuJoCo's model language; side −1 mirrors its place."""
     x, y, z = link.com
     xx, yy, zz = link.inertia
     return f'<inertial mass="{link.mass}" pos="{x} {side * y} {z}" diaginertia="{xx} {yy} {zz}"/>'
 
 
 def leg_xml(robot, leg, side):
-    """One leg in MuJoCo's model language, from the hip down: nested bodies; side: 1 left, −1 right.
+    """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
 
     Every body has its mass, its joints (to the body around it) and, the foot, its sole: a box with
     pos, its centre seen from the ankle, and size, half of each side [m].
@@ -494,13 +598,12 @@ def mujoco_model(robot):
     (<position> makes the first term, the joint's damping is the second one.) A joint that the
     ground drives backward is braked harder than the limit, as by a real motor.
 
-    implicitfast: the damping is computed from the velocity at the END of a step, so it cannot push
-        a joint back and forth. (MuJoCo's own choice, Euler, does so for joints, too.)
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
-    warmstart, island: aids of the solver. It is faster here without them.
+    warmstart, island: speed-ups of the solver that do not pay here.
     contype 0: only the listed pairs of shapes can touch.
-    hfield: a map of heights for uneven ground, far below until `lay_blocks` raises it.
+    hfield: a map of heights for uneven ground; it lies below the floor until the study `kicks`
+        raises it.
     condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
         three numbers of `friction` are for turning and rolling: condim 4 and 6.)
     """
@@ -517,7 +620,7 @@ def mujoco_model(robot):
     <mujoco>
       <compiler angle="radian"/>
       <option timestep="{robot.control_dt / robot.substeps}" gravity="0 0 {-robot.gravity}"
-              integrator="implicitfast" cone="elliptic">
+              cone="elliptic">
         <flag warmstart="disable" island="disable"/>
       </option>
       <default>
@@ -562,8 +665,16 @@ def euler(quaternion):
     return np.stack([roll, pitch, yaw], -1)
 
 
-class MujocoSim:
-    """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores."""
+class MujocoSim(Simulator):
+    """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
+
+    A servo gets the target of a tick's end at its beginning, on average 5 ms early. Back-EMF lets a
+    moving joint lag behind by about as much (damping / stiffness = 5.8 ms, knee 11.1 ms): measured,
+    the knee is 4 ms late, the other joints are 1.5 ms early. The targets' rates are not used.
+
+    model: another MuJoCo model of a robot with a free joint, our twelve joints and their servos, in
+    our order; parts: the names of its bodies to which the columns of `Body.mass` belong.
+    """
 
     # Columns of MuJoCo's state [38]; from 20 on velocities: of the position, angular velocity about
     # the torso's own axes, of the joints.
@@ -572,40 +683,46 @@ class MujocoSim:
     TURN = slice(4, 8)  # a quaternion
     ANGLES = slice(8, 20)
     OMEGA = slice(23, 26)
+    PARTS = (
+        "torso",
+        *(
+            f"{leg} {link}"
+            for leg in ("left", "right")
+            for link in ("hip", "thigh", "shin", "foot")
+        ),
+    )
 
-    def __init__(self, num_robots, standing, robot, cores):
+    def __init__(self, num_robots, standing, robot, cores=1, model=None, parts=PARTS):
         import mujoco.rollout  # only here: everything else works without MuJoCo
 
+        super().__init__(num_robots, standing, robot)
         # A diverging robot would fill the terminal and a log file; we report it as a fall.
         mujoco.set_mju_user_warning(lambda text: None)
         torso, joints = standing
-        self.robot = robot
-        self.model = mujoco_model(robot)
+        self.model = model or mujoco_model(robot)
+        self.parts = [self.model.body(name).id for name in parts]
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
         self.pool = mujoco.rollout.Rollout(nthread=cores)
-        self.standing_height = torso[2]
+        self.process = os.getpid()
+        self.inputs = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED
         # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
         turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
         self.start = np.concatenate([[0], torso[:3], turn, joints, np.zeros(self.model.nv)])
-        self.state = np.tile(self.start, (num_robots, 1))  # [N, 38]
-        self.control = np.tile(joints, (num_robots, 1))  # [N, 12] of the last tick
-        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
-        self.inputs = mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED
+        self.state = np.empty((num_robots, 38))
+        self.reset(np.arange(num_robots))
 
-    def reset(self, robots, body=None):
-        """Robots [n] stand at the origin again; body: their Body, None: as before."""
+    def place(self, robots, body):
+        """See `Simulator`."""
         import mujoco
 
         self.state[robots] = self.start
-        self.control[robots] = self.start[self.ANGLES]
         if body is None:
             return
-        self.delay[robots] = body.delay
         for row, i in enumerate(robots):
             self.models[i] = model = copy.copy(self.model)
-            model.body_mass[1:] *= body.mass[row]  # MuJoCo's body 0 is the world
-            model.body_inertia[1:] *= body.mass[row, :, None]
+            model.body_mass[self.parts] *= body.mass[row]
+            model.body_inertia[self.parts] *= body.mass[row, :, None]
             model.pair_friction[:, :2] = body.friction[row]
             # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
             model.actuator_gainprm[:, 0] *= body.stiffness[row]
@@ -613,55 +730,41 @@ class MujocoSim:
             model.dof_frictionloss[6:] = body.stiction[row]
             mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
-    def lay_blocks(self, robots, heights):
-        """Uneven ground until their next reset: heights [n, 40, 40] [m] of blocks 0.2 m wide, up to
-        4 m from the origin; where the robots stand it stays flat.
-        """
-        heights = np.array(heights)
-        heights[:, 19:21, 19:21] = 0
-        for i, height in zip(robots, heights):
-            self.models[i].hfield_data = np.kron(height, np.ones((4, 4))).ravel()  # 4 samples each
-            self.models[i].geom("blocks").pos = 0
+    def gyro(self, robots):
+        """See `Simulator`."""
+        return self.state[robots][:, self.OMEGA][:, :2]
 
-    def run(self, robots, trajectory):
-        """Let these robots [n] follow their trajectory; returns their Motion."""
-        robot = self.robot
-        # A tick's target is where the joint should be at its end. The servo gets it at the tick's
-        # beginning, on average 5 ms early. Back-EMF lets a moving joint lag behind by as much
-        # (damping / stiffness = 5.8 ms), so it is neither early nor late.
-        targets = trajectory.joints[:, 1:]  # [n, T, 12]
-        start = state = self.state[robots]
-        models = [self.models[i] for i in robots]
-        ticks = targets.shape[1]
-        parts = []
-        for t in range(0, ticks, READ_EVERY):  # a rollout for every reading of the gyro
-            end = min(t + READ_EVERY, ticks)
-            omega = state[:, self.OMEGA][:, :2]  # about x and y
-            now = targets[:, t:end] + trajectory.feedback(robot, t, end, omega)
-            late = np.concatenate([self.control[robots][:, None], now[:, :-1]], 1)  # by a tick
-            self.control[robots] = now[:, -1]
-            now = np.where(self.delay[robots, None, None], late, now)
-            # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12
-            # on, the torso's from 18 on.
-            inputs = np.zeros((*now.shape[:2], 12 + 6 * self.model.nbody))
-            inputs[..., :12] = now
-            inputs[..., 18:20] = trajectory.push[:, t:end]
-            inputs = np.repeat(inputs, robot.substeps, axis=1)
-            states, _ = self.pool.rollout(
-                models, self.data, state, inputs, control_spec=self.inputs
-            )
-            parts.append(states)
-            state = states[:, -1]
-        states = np.concatenate(parts, 1)  # [n, T·substeps, 38]
+    def advance(self, robots, targets, push):
+        """See `Simulator`."""
+        if os.getpid() != self.process:  # its threads are not there: it would wait for ever
+            raise RuntimeError("this world was made in another process: make one in this process")
+        substeps = self.robot.substeps
+        # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12 on,
+        # the torso's from 18 on.
+        inputs = np.zeros((*push.shape[:2], 12 + 6 * self.model.nbody))
+        inputs[..., :12] = targets[:, :, 0]
+        inputs[..., 18:20] = push
+        states, _ = self.pool.rollout(
+            [self.models[i] for i in robots],
+            self.data,
+            self.state[robots],
+            np.repeat(inputs, substeps, axis=1),
+            control_spec=self.inputs,
+        )
+        self.state[robots] = states[:, -1]
+        return states[:, substeps - 1 :: substeps]
+
+    def motion(self, robots, plan, states):
+        """See `Simulator`."""
         # MuJoCo checks every step: a state that is not finite, or huge, goes back to the start, at
         # time 0, so that it ends too early. We count this as a fall.
-        lost = states[:, -1, self.TIME] < start[:, self.TIME] + ticks * robot.control_dt - 1e-6
-        states[lost] = start[lost, None]
+        seconds = (states.shape[1] - 1) * self.robot.control_dt
+        lost = states[:, -1, self.TIME] < states[:, 0, self.TIME] + seconds - 1e-6
+        states[lost] = states[lost, :1]
         self.state[robots] = states[:, -1]
-        seen = states[:, robot.substeps - 1 :: robot.substeps]  # [n, T, 38] at the ends of ticks
+        seen = states[:, 1:]
         torso = np.concatenate([seen[..., self.POSITION], euler(seen[..., self.TURN])], -1)
-        fell = fallen(torso, self.standing_height).any(1) | lost
-        return Motion(torso, seen[..., self.ANGLES], seen[:, -1, self.OMEGA], fell)
+        return torso, seen[..., self.ANGLES], seen[:, -1, self.OMEGA], lost
 
     def close(self):
         """Ends its threads."""
@@ -680,7 +783,7 @@ def planar_links(robot):
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
-class PymunkSim:
+class PymunkSim(Simulator):
     """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
 
     pymunk's y is our z, and its angles turn x towards y, against our pitch:
@@ -699,14 +802,14 @@ class PymunkSim:
     if it turned with that link (in MuJoCo only to the inertia about the joint).
     """
 
+    planar = True
+    LEAD = 0
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
-    ANGLE, OMEGA = 2, 5  # columns of a body's state x, z, angle and their rates [m, rad, s]
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
-    def __init__(self, num_robots, standing, robot):
-        self.robot = robot
+    def __init__(self, num_robots, standing, robot, cores=1):
+        super().__init__(num_robots, standing, robot)
         self.links = planar_links(robot)
-        self.standing = standing
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
         # bear the torque r·μ·F.
         middles = np.linspace(-0.49, 0.49, 50)  # of strips, as a share of the length or width
@@ -714,47 +817,38 @@ class PymunkSim:
         # all pairs of x and y  [50, 50] -> r [m]
         self.sole_radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
         self.spaces = [None] * num_robots
-        self.motors = [None] * num_robots
-        self.buffer = pymunk.batch.Buffer()
-        self.bodies = np.zeros((num_robots, 7, 6))
+        self.bodies = [None] * num_robots  # seven of each robot
+        self.motors = [None] * num_robots  # six of each robot
+        self.state = np.zeros((num_robots, 10))  # see `_read`
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.lost = np.zeros(num_robots, bool)  # diverged
-        self.last = np.zeros((num_robots, 2, 6))  # joint targets of the last tick and their rates
-        self.body = Body(  # of all N robots: as the model
-            np.full(num_robots, robot.friction),
-            np.ones((num_robots, 9)),  # mass
-            np.ones((num_robots, 12)),  # stiffness
-            np.zeros((num_robots, 12)),  # stiction
-            np.zeros(num_robots, int),  # delay
-        )
+        self.body = Body.as_model(robot, num_robots)
         self.reset(np.arange(num_robots))
 
-    def reset(self, robots, body=None):
-        """Robots [n] stand at the origin again; body: their Body, None: as before."""
+    def place(self, robots, body):
+        """See `Simulator`."""
         if body is not None:
             for name, values in vars(body).items():
                 getattr(self.body, name)[robots] = values
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
-            self.spaces[i], self.motors[i] = self._build(i)
-        self.last[robots] = self.standing[1][SAGITTAL], np.zeros(6)
+            self.spaces[i], self.bodies[i], self.motors[i] = self._build(i)
         self.pose[robots] = 0
         self.yaw_rate[robots] = 0
         self.lost[robots] = False
-        self.bodies[robots] = self._read(robots)
+        self.state[robots] = self._read(robots)
 
     def _build(self, i):
-        """A space with ground and standing robot i, and the robot's six motors."""
+        """A space with ground and standing robot i, the robot's seven bodies and six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
         space.iterations = robot.planar_iterations
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
-        still = pymunk.Body(body_type=pymunk.Body.KINEMATIC)
-        ground = pymunk.Segment(still, (-1e4, -1), (1e4, -1), 1)
-        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
-        space.add(still, ground)  # it never moves, and takes 66 kB less than a static body
+        ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
+        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
+        space.add(ground)
         legs = body_points(robot, torso, joints)[0][:, :3, [0, 2]].reshape(6, 2)
         points = np.vstack([torso[[0, 2]], legs]).tolist()  # [7, 2] upper joint of each body
         pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
@@ -788,95 +882,82 @@ class PymunkSim:
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
                 # Dry friction lowers the largest torque (in MuJoCo it also holds a joint at rest).
                 motor.max_force = max(0, robot.torque_limit[index] - self.body.stiction[i, joint])
+                low, high = -robot.joint_max[index], -robot.joint_min[index]
                 space.add(
                     motor,
                     pymunk.PivotJoint(parent, body, point),
-                    pymunk.RotaryLimitJoint(
-                        parent, body, -robot.joint_max[index], -robot.joint_min[index]
-                    ),
+                    pymunk.RotaryLimitJoint(parent, body, low, high),
                 )
                 motors.append(motor)
-        return space, motors
+        return space, bodies, motors
 
     def _read(self, robots):
-        """States [n, 7, 6] of the bodies of these robots, a view until the next reading; all spaces
-        in one buffer, for speed.
-        """
-        everything = pymunk.batch.BodyFields.ALL
-        self.buffer.clear()  # always the same one, because pymunk 7.3 never frees a Buffer
+        """The torso's x, z [m] and turning rate [rad/s], then the pitches of all seven bodies [rad]:
+        [n, 10]."""
+        rows = []
         for i in robots:
-            pymunk.batch.get_space_bodies(self.spaces[i], everything, self.buffer)
-        states = np.frombuffer(self.buffer.float_buf()).reshape(-1, 8, 9)
-        return states[:, 1:, :6]  # without the ground; without force and torque
+            torso = self.bodies[i][0]
+            pitches = [-body.angle for body in self.bodies[i]]
+            rows.append([*torso.position, -torso.angular_velocity, *pitches])
+        return np.array(rows)
 
-    def _angles(self, bodies):
-        """Sagittal joint angles [..., 6] of bodies [..., 7, 6]: pitch of a link − its parent's."""
-        pitch = -bodies[..., self.ANGLE]
+    def _angles(self, states):
+        """Sagittal joint angles [..., 6] of states [..., 10]: pitch of a link − its parent's."""
+        pitch = states[..., 3:]
         return pitch[..., 1:] - pitch[..., self.PARENT]
 
-    def run(self, robots, trajectory):
-        """Let these robots [n] follow their trajectory; returns their Motion."""
-        seen = self.run_plane(trajectory, robots)  # [n, T + 1, 7, 6]
-        trunk = trajectory.trunk[..., [0, 1, 5]]
-        wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
-        yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
-        # The torso frame is below the centre of its body: (x, z) −= down·(−sin angle, cos angle)
-        x, z, angle = np.moveaxis(seen[:, :, 0, :3], -1, 0)  # [n, T + 1] each
-        down = self.links[0].com[2]  # [m]
-        x = x + down * np.sin(angle)
-        z = z - down * np.cos(angle)
-        moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
-        position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
-        others = np.stack([z, 0 * z, -angle, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
-        torso = np.concatenate([position, others], -1)  # [n, T, 6]
-        self.pose[robots] = torso[:, -1, [0, 1, 5]]
-        joints = trajectory.joints[:, 1:].copy()
-        joints[..., SAGITTAL] = self._angles(seen[:, 1:])
-        fell = fallen(torso, self.standing[0][2]).any(1) | self.lost[robots]
-        # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-        pitch = torso[:, -1, 4]
-        yaw_rate = self.yaw_rate[robots]
-        omega = [-yaw_rate * np.sin(pitch), -seen[:, -1, 0, self.OMEGA], yaw_rate * np.cos(pitch)]
-        return Motion(torso, joints, np.stack(omega, -1), fell)
+    def gyro(self, robots):
+        """See `Simulator`; the plane has no roll."""
+        return self.state[robots, 2:3] * [0, 1]
 
-    def run_plane(self, trajectory, robots):
-        """Bodies [n, T + 1, 7, 6], before and after every tick."""
+    def advance(self, robots, targets, push):
+        """See `Simulator`. A motor that only followed the error would lag behind a moving target:
+        add the target's rate (feedforward). So a joint arrives at the end of the tick where the
+        target is then.
+        """
         robot = self.robot
-        targets = trajectory.joints[..., SAGITTAL]  # [n, T + 1, 6]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         dt = robot.control_dt / robot.substeps  # [s]
-        rates = np.diff(targets, axis=1) / robot.control_dt  # [n, T, 6] [rad/s]
-        wanted = np.stack([targets[:, :-1], rates], 2)  # [n, T, 2, 6]
-        ticks = rates.shape[1]
-        seen = np.empty((*targets.shape[:2], 7, 6))
-        seen[:, 0] = self.bodies[robots]
-        for t in range(ticks):
-            if t % READ_EVERY == 0:
-                end = min(t + READ_EVERY, ticks)
-                pitching = -seen[:, t, 0, self.OMEGA]  # [n]
-                omega = np.stack([0 * pitching, pitching], -1)  # the plane has no roll
-                wanted[:, t:end, 0] += trajectory.feedback(robot, t, end, omega)[..., SAGITTAL]
-            now = np.where(self.body.delay[robots, None, None], self.last[robots], wanted[:, t])
-            self.last[robots] = wanted[:, t]
-            # A motor that only followed the error would lag behind a moving target: add the
-            # target's rate (feedforward). So a joint arrives at the end of the tick where the
-            # target is then.
-            error = now[:, 0] - self._angles(seen[:, t])
-            speeds = np.clip(now[:, 1] + gain * error, -limit, limit)
-            pushes = trajectory.push[:, t, 0].tolist()
-            for i, row, push in zip(robots, speeds.tolist(), pushes):
+        states = np.empty((*push.shape[:2], 10))
+        for t, (angles, rates) in enumerate(targets[..., SAGITTAL].transpose(1, 2, 0, 3)):
+            error = angles - self._angles(self.state[robots])  # [n, 6]
+            speeds = np.clip(rates + gain * error, -limit, limit)
+            for i, row, ahead in zip(robots, speeds.tolist(), push[:, t, 0].tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
-                    self.motors[i][0].a.force = push, 0  # on the torso, in this step only
+                    if ahead:  # a force on the torso, in this step only
+                        self.bodies[i][0].force = ahead, 0
                     self.spaces[i].step(dt)
-            seen[:, t + 1] = self._read(robots)
-            lost = ~(np.abs(seen[:, t + 1]) < 1e4).all((1, 2))  # diverged; nan < 1e4 is False, too
-            seen[lost, t + 1] = seen[lost, t]  # where it was last seen
+            states[:, t] = self._read(robots)
+            lost = ~(np.abs(states[:, t]) < 1e4).all(1)  # diverged; nan < 1e4 is False, too
+            states[lost, t] = self.state[robots][lost]  # where it was last seen
             self.lost[robots] |= lost
-        self.bodies[robots] = seen[:, -1]
-        return seen
+            self.state[robots] = states[:, t]
+        return states
+
+    def motion(self, robots, plan, states):
+        """See `Simulator`."""
+        trunk = plan.trunk[..., GROUND]
+        wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
+        yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
+        # The torso frame is below the centre of its body: (x, z) −= down·(sin pitch, cos pitch)
+        x, z, rate, pitch = np.moveaxis(states[..., :4], -1, 0)  # [n, T + 1] each
+        down = self.links[0].com[2]  # [m]
+        x = x - down * np.sin(pitch)
+        z = z - down * np.cos(pitch)
+        moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
+        position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
+        others = np.stack([z, 0 * z, pitch, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
+        torso = np.concatenate([position, others], -1)  # [n, T, 6]
+        self.pose[robots] = torso[:, -1, GROUND]
+        joints = plan.joints[:, 1:].copy()
+        joints[..., SAGITTAL] = self._angles(states[:, 1:])
+        # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
+        pitch, yaw_rate = pitch[:, -1], self.yaw_rate[robots]
+        omega = [-yaw_rate * np.sin(pitch), rate[:, -1], yaw_rate * np.cos(pitch)]
+        return torso, joints, np.stack(omega, -1), self.lost[robots]
 
     def run_yaw(self, turn, robots):
         """Yaw ψ [n, T + 1] for commanded turns [n, T] [rad] in the ticks."""
@@ -896,18 +977,16 @@ class PymunkSim:
         self.yaw_rate[robots] = rate
         return np.stack(yaw, -1)
 
-    def close(self):
-        """It has no threads or processes to stop."""
+
+SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
-    """N robots in "pymunk" or "mujoco", standing as `stance` says, also after every reset."""
-    cores = min(cores or CORES, num_robots)
-    if sim == "mujoco":
-        return MujocoSim(num_robots, standing, robot, cores)
-    if cores == 1:  # it needs no further process
-        return PymunkSim(num_robots, standing, robot)
-    return Workers(num_robots, standing, robot, cores)
+    """N robots in one of SIMULATORS, standing as `stance` says, also after every reset. cores:
+    threads of MuJoCo (None: all that the machine has); on the plane it does nothing.
+    """
+    return SIMULATORS[sim](num_robots, standing, robot, min(cores or CORES, num_robots))
 
 
 # ------------------------------------------------------------------------ drawing
@@ -917,8 +996,10 @@ UPPER_ENDS = np.array(
     [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
 )
 LINES = (
-    *(("0.8", 0.085), ("0.88", 0.055), ("0.3", 0.016)),
-    *itertools.product(COLORS, (0.036, 0.029, 0.016)),
+    ("0.8", 0.085),
+    ("0.88", 0.055),
+    ("0.3", 0.016),
+    *((color, radius) for color in COLORS for radius in (0.036, 0.029, 0.016)),
 )
 
 
@@ -965,71 +1046,65 @@ def draw_ground(axes, camera, size=2):
     axes.axis("off")
 
 
-# ------------------------------------------------------------------------ several processes
-# From here on: processes, the command line and files. A first reading may skip this.
-def end_with_parent():
-    """Waits until the process that started this one is gone, however that ended; then ends it."""
-    multiprocessing.parent_process().join()
-    os._exit(1)
+def draw_way(axes, robot, goal, feet, camera):
+    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
 
+    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
+    the prints.
+    """
+    angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
+    disc = np.append(turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
+    x = np.repeat([robot.foot_front, -robot.foot_back], 2)
+    y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
 
-def begin(*settings):
-    """First call in a process of `Workers`: its robots, kept under a global name."""
-    global planar_sim
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the main process
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    planar_sim = PymunkSim(*settings)
+    def fill(pose, outline, color, alpha):
+        points = pose[:2] + turned(outline, pose[2])
+        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
 
-
-def call(method, robots, part):
-    """In a process of `Workers`: run(robots, trajectory) or reset(robots, body)."""
-    return getattr(planar_sim, method)(robots, part)
-
-
-class Workers:
-    """N planar robots over W processes: robot i is number i // W in the PymunkSim of i mod W."""
-
-    def __init__(self, num_robots, standing, robot, cores):
-        context = multiprocessing.get_context("spawn")  # the same on every system
-        self.pools = []
-        for w in range(cores):
-            settings = len(range(w, num_robots, cores)), standing, robot
-            self.pools.append(ProcessPoolExecutor(1, context, begin, settings))
-
-    def _ask(self, method, robots, part):
-        """Calls method(robots, part) with each process's share of the robots [n]; their rows in it,
-        and all answers."""
-        robots = np.asarray(robots, int)
-        count = len(self.pools)
-        rows = [np.flatnonzero(robots % count == w) for w in range(count)]
-        answers = []
-        for own, pool in zip(rows, self.pools):
-            share = part
-            if part is not None:  # every array is cut to the robots of this process
-                share = replace(part, **{name: array[own] for name, array in vars(part).items()})
-            answers.append(pool.submit(call, method, robots[own] // count, share))
-        return rows, [answer.result() for answer in answers]
-
-    def reset(self, robots, body=None):
-        """See `PymunkSim.reset`."""
-        self._ask("reset", robots, body)
-
-    def run(self, robots, trajectory):
-        """See `PymunkSim.run`."""
-        rows, motions = self._ask("run", robots, trajectory)
-        order = np.argsort(np.concatenate(rows))  # back into the order of `robots`
-        arrays = zip(*(vars(motion).values() for motion in motions))
-        return Motion(*(np.concatenate(parts)[order] for parts in arrays))
-
-    def close(self):
-        """Ends its processes."""
-        for pool in self.pools:
-            pool.shutdown()
+    for poses in feet:
+        for pose, outward, color in zip(poses, (1, -1), COLORS):
+            sole = np.column_stack([x, y + outward * robot.foot_outward])  # [4, 2] [m]
+            fill(pose, sole, color, 0.35)
+    fill(goal, disc, "tab:green", 0.9)
 
 
 # ------------------------------------------------------------------------ command line and files
 class InputError(Exception):
     """Something that was given cannot be used; the message is one line that says what to do."""
+
+
+def check(settings, above_zero=(), may_be_negative=()):
+    """A ValueError if a number of these settings (a dataclass) is not finite, or is negative and
+    not in `may_be_negative`, or is 0 and in `above_zero`; these are names of fields."""
+    for name, value in vars(settings).items():
+        if is_dataclass(value):
+            check(value, above_zero, may_be_negative)
+            continue
+        numbers = np.array(value, float)
+        right = np.isfinite(numbers)
+        if name not in may_be_negative:
+            right &= numbers >= 0
+        if name in above_zero:
+            right &= numbers > 0
+        if not right.all():
+            raise ValueError(f"{type(settings).__name__}: {name} cannot be {value!r:.80}")
+
+
+def check_robot(robot):
+    """A ValueError for a RobotModel that cannot be."""
+    lengths = "thigh_length", "shin_length"
+    divisors = "speed_limit", "control_dt", "substeps", "stiffness", "planar_iterations"
+    check(
+        robot,
+        above_zero=("mass", "inertia", "yaw_inertia", *lengths, *divisors),
+        may_be_negative=("com", "hip_z", "joint_min", "joint_max"),
+    )
+
+
+@cache
+def note(text):
+    """Prints a note; the same one only once."""
+    print("note:", text)
 
 
 def stage_parser(doc):
@@ -1066,18 +1141,29 @@ def output_folder(args, *parts):
 
 
 def atomic_write(path, write):
-    """write(temporary file), then rename: the old file or the new one, never half of one."""
+    """write(temporary file), then rename: the old file or the new one, never half of one. An
+    InputError if the disk is full, or if another program keeps the file open."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
     try:
         write(temporary)
-        os.replace(temporary, path)
+        for wait in (0.2, 0.8, 0):  # [s] a virus scanner on Windows soon lets go of a file
+            try:
+                os.replace(temporary, path)
+                break
+            except PermissionError:
+                if not wait:
+                    raise
+                time.sleep(wait)
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def write_text(path, text):
     """UTF-8 and plain line ends on every system."""
-    atomic_write(path, lambda file: file.write_text(text, encoding="utf-8", newline="\n"))
+    data = text.encode("utf-8", errors="backslashreplace")  # a file's name may hold any byte
+    atomic_write(path, lambda file: file.write_bytes(data))
 
 
 def save_figure(figure, path):
@@ -1086,24 +1172,32 @@ def save_figure(figure, path):
     plt.close(figure)
 
 
+STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
+
+
 def start(main):
     """Calls a script's main(). What is no bug is one line, without a traceback: input that cannot
-    be used, Ctrl-C, a lost process; and a reader like `head` may stop reading."""
+    be used, and Ctrl-C; and a reader like `head` may stop reading. A notebook's own figures go on
+    as before."""
     sys.stderr = sys.stderr or open(os.devnull, "w")  # pythonw has none
     for stream in filter(None, (sys.stdout, sys.stderr)):
-        stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
+        if hasattr(stream, "reconfigure"):  # those of a notebook and of IDLE have no such method
+            stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
     os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
+    backend = matplotlib.get_backend(auto_select=False)  # None: not chosen yet
     plt.switch_backend("Agg")  # figures are drawn into files, without a screen
-    plt.rcdefaults()  # whatever the user's own settings are
-    plt.rcParams.update(STYLE)
     try:
-        main()
+        with plt.rc_context({**matplotlib.rcParamsDefault, "backend": "agg", **STYLE}):
+            main()
     except BrokenPipeError:
         os._exit(1)  # nobody reads what is still to be printed
-    except (InputError, KeyboardInterrupt, BrokenProcessPool) as error:
+    except (InputError, KeyboardInterrupt) as error:
         message = str(error) or "interrupted"
         print(f"\n{Path(sys.argv[0]).name}: {message}", file=sys.stderr)
         sys.exit(2)
+    finally:
+        with contextlib.suppress(ImportError):  # a screen that is not there
+            plt.switch_backend(backend or "Agg")
 
 
 if __name__ == "__main__":

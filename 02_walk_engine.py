@@ -5,19 +5,19 @@ swing foot and the trunk, analytic inverse kinematics; parameters found by optim
 reflex, which the paper names as future work: within a double step the ankle of the support foot
 answers the gyro (`WalkPlan.feedback`).
 
-    python 02_walk_engine.py      a plan, four walks, a push; 3 seconds (`--mujoco` in 3-D)
+    python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
-Prints how far four walks of eight double steps were commanded and how far the robot walked; draws
-`runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot walks within 1.2 cm of
-what was commanded. The 3-D robot misses it by up to 0.12 m and 0.15 rad, as its feet slip; a planner
-has to correct this. How fast and how well it can walk, on other grounds and with other bodies, is
-measured (and tuned) by `python tests/studies/walk.py`. (Nothing is drawn at random: `--seed`
-changes nothing here.)
+Prints, for four walks of eight double steps, where they were commanded to end and where the robot
+ended; draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
+1.2 cm of the command. The 3-D robot misses it by up to 0.12 m and 0.15 rad (more grip does not help:
+set `friction` to 5); a planner has to correct this. How fast and how well it can walk, on other
+grounds and with other bodies, is measured (and tuned) by `python tests/studies/walk.py`. (Nothing
+is random here: `--seed` changes nothing.)
 
-Then two robots are pushed forward amid a walk, one with the reflex, the other without. Guess first:
-which of them stays up, in 3-D and on the plane? (One push proves little: in 3-D at 0.8 m/s only the
-one with the reflex falls. The study `kicks` counts over many walks.) A push of 0.6 m/s
-is a force for 50 ms that would give the torso alone this speed, the whole robot 0.57 of it.
+Then twelve robots with the reflex and twelve without it are pushed forward during a walk, each of
+the twelve at another moment of the double step. Guess first: how many of each fall, in 3-D and on
+the plane? (The study `kicks` pushes in all directions.) A push of 0.6 m/s is a force for 50 ms that
+would give the torso alone this speed, the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. Its zero is the swing foot's usual place: beside the other foot, at
@@ -42,17 +42,17 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
     p − y₀ = p·(1 − 1/cosh(√(g/h)·P/4))
 
 towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
-P = 0.62 s, and compare the share of p with the tuned plan: there the centre of mass sways by 0.21
-of the way. (`trunk_swing` is that of the trunk: the legs stay behind, and `trunk_roll` adds to it.
-And the foot is no point: it may press anywhere on its sole.) On the plane nothing sways, as the
-planar robot cannot fall sideways.
+P = 0.62 s, and compare the share of p with that of the tuned plan, which the stage prints. The
+centre of mass sways less than `trunk_swing` says, as the legs stay behind, and more through
+`trunk_roll`. And the foot is no point: it may press anywhere on its sole. On the plane nothing
+sways, as the planar robot cannot fall sideways.
 
 Left out: stairs; steps that answer a push (only the ankles do).
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 
 import matplotlib.pyplot as plt
@@ -60,12 +60,13 @@ import numpy as np
 
 # A module name may not start with a digit in an import statement, hence import_module.
 robot_model = import_module("01_robot_model")
-LEFT, RIGHT, compose = robot_model.LEFT, robot_model.RIGHT, robot_model.compose
+LEFT, RIGHT, GROUND = robot_model.LEFT, robot_model.RIGHT, robot_model.GROUND
+compose = robot_model.compose
 
 
 @dataclass(frozen=True)
-class WalkParameters(robot_model.Checked):
-    """Named after those of [5]."""
+class WalkParameters:
+    """How the robot walks; named after the parameters of [5]."""
 
     half_ticks: int  # [control ticks] of a single step
     double_support: float  # [-] share of a single step with both feet on the ground
@@ -76,18 +77,9 @@ class WalkParameters(robot_model.Checked):
     trunk_pitch: float  # [rad] forward lean
     trunk_swing: float  # [-] share of the way from the middle to the support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
-    pitch_per_step: float  # [rad/m] lean added per metre that the middle of the feet moves on
+    pitch_per_step: float  # [rad/m] lean added per metre of a single step
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
-
-    above_zero = ("half_ticks", "foot_distance", "trunk_height")
-    may_be_negative = (
-        "trunk_phase",
-        "trunk_pitch",
-        "trunk_x_offset",
-        "pitch_per_step",
-        "trunk_roll",
-    )
 
 
 # Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
@@ -149,6 +141,7 @@ def quintic(start, end, duration):
 
 def polynomial(c, t, order=0):
     """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]."""
+    # numpy wants the coefficients first: [6, ...]
     derived = np.polynomial.polynomial.polyder(np.moveaxis(c, -1, 0), order)
     return np.polynomial.polynomial.polyval(t, derived)
 
@@ -159,24 +152,24 @@ class WalkPlan(robot_model.Trajectory):
     """A planned double step, and the reflex that keeps the robot upright meanwhile.
 
     In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
-    ankle strategy). It closes the loop within the double step; the footsteps are open loop.
+    ankle strategy). It closes a loop within the double step; the footsteps are open loop.
     """
 
+    feet: np.ndarray  # [N, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
     reflex_gain: np.ndarray  # [N, T, 2] [s] left, right ankle; 0 while the foot swings
-    gyro_error: np.ndarray  # [N, T, 2] [rad/s] measured − true angular velocity about x and y
 
     def feedback(self, robot, tick, end, angular_velocity):
         """What the gyro adds to the joint targets of the ticks `tick` to `end`, [n, ticks, 12].
 
-        angular_velocity [n, 2]: the true one of the torso about its x and y axes at the first of
-        these ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support
+        angular_velocity [n, 2]: of the torso about its x and y axes, as the gyro measures it at the
+        first of these ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support
         foot are turned down: they press on the ground, which brakes the turn.
         """
         # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
         lean = self.trunk[..., 3:5]
         planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
         # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
-        rate = angular_velocity + self.gyro_error[:, tick] - planned
+        rate = angular_velocity - planned
         turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]  # [n, ticks, foot, 2]
         added = np.zeros((*turn.shape[:3], 6))
         added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
@@ -193,6 +186,9 @@ class WalkEngine:
 
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
         p = self.parameters = parameters
+        signed = "trunk_phase", "trunk_pitch", "trunk_x_offset", "pitch_per_step", "trunk_roll"
+        robot_model.check(p, ("half_ticks", "foot_distance", "trunk_height"), signed)
+        robot_model.check_robot(robot)
         self.robot = robot
         self.planar = planar
         self.half = p.half_ticks * robot.control_dt  # [s] a single step
@@ -200,6 +196,12 @@ class WalkEngine:
         self.stance = robot_model.stance(  # torso, joints
             robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
         )
+        soles = robot_model.body_points(robot, *self.stance)[0][:, 3:, 2]  # heights [m]
+        if np.abs(soles).max() > 0.001:
+            robot_model.note(
+                f"legs cannot hold the trunk {p.trunk_height} m above the ground: they reach "
+                f"{soles.max():.3f} m above it"
+            )
         # Where each foot usually is, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
@@ -222,10 +224,9 @@ class WalkEngine:
         return left, compose(left, steps[:, RIGHT])
 
     def plan(self, footsteps, robots):
-        """Next double step of these robots [n]: their WalkPlan, and their feet.
+        """The WalkPlan of the next double step of these robots [n].
 
-        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive. Feet
-        [n, T + 1, 2, 4]: x, y, z of the sole below the ankle [m], yaw [rad].
+        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive.
 
             time   0 · · · · · · · · half · · · · · · · period · · · · · · ·
             left   |wait|   swing    |       support       |
@@ -255,9 +256,10 @@ class WalkEngine:
         feet[:, half:, RIGHT] = self._swing(right, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         joints = robot_model.body_inverse(self.robot, trunk, feet, self.planar)
-        push, gyro_error, gain = np.zeros((3, len(left), 2 * half, 2))  # no push, an exact gyro
-        gain[:, :half, RIGHT] = gain[:, half:, LEFT] = self.parameters.reflex  # of support feet
-        return WalkPlan(joints, trunk, push, gain, gyro_error), feet
+        gain = np.zeros((len(left), 2 * half, 2))
+        gain[:, :half, RIGHT] = self.parameters.reflex  # of the support foot
+        gain[:, half:, LEFT] = self.parameters.reflex
+        return WalkPlan(joints, trunk, feet, gain)
 
     def _knot(self, support, start, landing):
         """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].
@@ -278,8 +280,8 @@ class WalkEngine:
         aside = p.trunk_swing * side
         offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
         knot = np.zeros((len(centre), 6, 3))
-        knot[:, [0, 1, 5], 0] = compose(centre, offset)
-        knot[:, [0, 1, 5], 1] = (after - before) / self.half
+        knot[:, GROUND, 0] = compose(centre, offset)
+        knot[:, GROUND, 1] = (after - before) / self.half
         knot[:, 2, 0] = p.trunk_height
         ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]  # [n] [m]
         knot[:, 3, 0] = -p.trunk_roll * np.sign(side)  # a positive roll leans to the right
@@ -291,18 +293,16 @@ class WalkEngine:
         p = self.parameters
         time = np.arange(2 * p.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
-        begin = 0.0
         state = self.trunk[robots]  # [n, 6, 3]
         path = np.empty((len(state), 6, len(time)))
-        for end, knot in zip(ends, knots):
+        for begin, end, knot in zip((0.0, *ends), ends, knots):
             spline = quintic(state, knot, end - begin)  # [n, 6, 6]
             later = time >= begin  # the next spline overwrites what is beyond its knot
             path[..., later] = polynomial(spline, time[later] - begin)
-            begin = end
             state = knot
-        # The double step ends within the last spline, which began at ends[1]; the next double step
-        # begins in that state: position, velocity, acceleration.
-        state = [polynomial(spline, self.period - ends[1], order) for order in range(3)]
+        # The double step ends within the last spline; the next double step begins in that state:
+        # position, velocity, acceleration.
+        state = [polynomial(spline, self.period - begin, order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
 
@@ -329,19 +329,42 @@ def push_force(robot, speed):
     return robot.torso.mass * speed / (PUSH_TICKS * robot.control_dt)
 
 
-def walk_plans(sim, parameters, footsteps, body=None, disturb=None, watch=None):
+def walkers(
+    sim,
+    num_robots,
+    parameters=None,
+    robot=robot_model.RobotModel(),
+    cores=None,
+    simulate=robot_model.make_sim,
+):
+    """The engine that plans for N robots, and the simulator in which they stand; parameters: None
+    for TUNED. `sim` chooses the settings, `simulate` makes the physics (see `make_sim`)."""
+    planar = robot_model.SIMULATORS[sim].planar
+    engine = WalkEngine(num_robots, parameters or TUNED[sim], robot, planar)
+    return engine, simulate(sim, num_robots, engine.stance, robot, cores)
+
+
+def walk_plans(
+    sim,
+    parameters,
+    footsteps,
+    body=None,
+    disturb=None,
+    watch=None,
+    robot=robot_model.RobotModel(),
+    simulate=robot_model.make_sim,
+):
     """Walk N robots, which differ from the model by `body`, through K double steps [N, K, 2, 3],
     from standing.
 
     Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
     the origin), and in which double step each robot fell [N] (K: it did not fall). Before every
-    double step disturb(plan, robots) may change the WalkPlan of these robots [n]; after it
-    watch(engine, motion) is called.
+    double step disturb(disturbance, robots) may change the Disturbance of these robots [n]; after
+    it watch(engine, motion) is called.
     """
     footsteps = np.asarray(footsteps, float)
     n, count = footsteps.shape[:2]
-    engine = WalkEngine(n, parameters, planar=sim == "pymunk")
-    simulator = robot_model.make_sim(sim, n, engine.stance)
+    engine, simulator = walkers(sim, n, parameters, robot, simulate=simulate)
     simulator.reset(np.arange(n), body)
     poses, commanded = np.zeros((2, n, count + 1, 3))
     fall = np.full(n, count)
@@ -350,11 +373,12 @@ def walk_plans(sim, parameters, footsteps, body=None, disturb=None, watch=None):
         poses[:, k + 1] = poses[:, k]
         up = np.flatnonzero(fall == count)
         if len(up):
-            plan, _ = engine.plan(footsteps[up, k], up)
+            plan = engine.plan(footsteps[up, k], up)
+            disturbance = robot_model.Disturbance.none(plan)
             if disturb:
-                disturb(plan, up)
-            motion = simulator.run(up, plan)
-            poses[up, k + 1] = motion.torso[:, -1, [0, 1, 5]]
+                disturb(disturbance, up)
+            motion = simulator.run(up, plan, disturbance)
+            poses[up, k + 1] = motion.torso[:, -1, GROUND]
             fall[up[motion.fell]] = k
             if watch:
                 watch(engine, motion)
@@ -373,64 +397,70 @@ WALKS = {  # eight double steps each
 }
 
 
-def pushed(sim, parameters, speed):
-    """Two robots walk forward, the second one without the reflex. In the second double step both
-    are pushed forward at this speed [m/s], see `push_force`. Returns torso [2, T, 6], joints
-    [2, T, 12].
+def pushed(sim, parameters, speed, count=12):
+    """Robots walk straight ahead for six double steps. In the second one each of them is pushed
+    forward at this speed [m/s], see `push_force`, at a moment of its own. Returns the tilt of their
+    torsos [count, T] [rad], and which of them fell [count].
     """
-    engine = WalkEngine(2, parameters, planar=sim == "pymunk")
-    simulator = robot_model.make_sim(sim, 2, engine.stance)
-    motions = []
-    for k in range(4):
-        plan, _ = engine.plan([WALKS["forward"]] * 2, [0, 1])
-        plan.reflex_gain[1] = 0
+    engine, simulator = walkers(sim, count, parameters)
+    robots, tilts, fell = np.arange(count), [], np.zeros(count, bool)
+    for k in range(6):
+        plan = engine.plan([WALKS["forward"]] * count, robots)
+        disturbance = robot_model.Disturbance.none(plan)
         if k == 1:
-            plan.push[:, 10 : 10 + PUSH_TICKS, 0] = push_force(engine.robot, speed)
-        motions.append(simulator.run([0, 1], plan))
+            moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
+            for push, first in zip(disturbance.push, moments):
+                push[first : first + PUSH_TICKS, 0] = push_force(engine.robot, speed)
+        motion = simulator.run(robots, plan, disturbance)
+        roll, pitch = motion.torso[..., 3], motion.torso[..., 4]
+        tilts.append(np.arccos(np.cos(roll) * np.cos(pitch)))  # as in `fallen`
+        fell |= motion.fell
     simulator.close()
-    return [
-        np.concatenate([getattr(motion, name) for motion in motions], 1)
-        for name in ("torso", "joints")
-    ]
+    return np.concatenate(tilts, 1), fell
 
 
-def plot_push(robot, torso, joints, path, title):
-    """Tilt over time, both robots every 0.5 s from 0.4 s on; torso [2, T, 6], joints [2, T, 12]."""
-    figure, (chart, *panels) = plt.subplots(1, 3, figsize=(14, 4))
-    tilt = np.degrees(np.arccos(np.cos(torso[..., 3]) * np.cos(torso[..., 4])))  # as in `fallen`
-    camera = robot_model.camera_at(-70, 10)
-    names = "with the reflex", "without the reflex"
-    chart.set_prop_cycle(color=["tab:green", "tab:red"], ls=["-", "--"])
-    chart.plot(np.arange(torso.shape[1]) * robot.control_dt, tilt.T, label=names)
-    chart.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]")
-    chart.axvspan(0.72, 0.77, color="0.85", label="push")
-    chart.legend()
-    for panel, name, pose, angles in zip(panels, names, torso[:, 40::50], joints[:, 40::50]):
-        robot_model.draw_ground(panel, camera, 1)
-        robot_model.draw_robots(panel, robot, pose, angles, camera)
-        _, x, y = camera @ torso[0, 72, :3]  # where both are pushed
-        panel.annotate(
-            "push", (x, y + 0.1), (x - 0.45, y + 0.1), arrowprops={"width": 3}, va="center"
-        )
-        panel.set(title=name, xlim=(-0.4, 1.0), ylim=(-0.2, 0.85))
+def plot_push(tilts, engine, path, title):
+    """Tilt over time of all robots of `pushed`, [count, T] by the name of their body."""
+    figure, axis = plt.subplots(figsize=(9, 4.2))
+    for tilt, color, style in zip(tilts.values(), ("tab:red", "tab:green"), ("--", "-")):
+        time = np.arange(tilt.shape[1]) * engine.robot.control_dt
+        axis.plot(time, np.degrees(tilt).T, color=color, ls=style, lw=0.9)
+    axis.axvspan(engine.period, 2 * engine.period, color="0.9")
+    axis.axhline(45, color="black", ls=":")
+    axis.legend(
+        [*axis.lines[:: len(tilt)], axis.patches[0]],
+        [*tilts, "fallen", "each is pushed once in here"],
+        loc="upper left",
+    )
+    axis.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
     robot_model.save_figure(figure, path)
 
 
-def plot_plan(engine, plan, feet, torso, path):
-    """A robot's double step over time: planned trunk and feet; measured torso [1, T, 6]."""
-    time = np.arange(feet.shape[1]) * engine.robot.control_dt
-    figure, axes = plt.subplots(1, 3, figsize=(12, 3.6))
+def plot_plan(engine, plan, motion, path):
+    """A robot's double step over time: trunk and soles, planned and measured."""
+    robot, time = engine.robot, np.arange(len(plan.trunk[0])) * engine.robot.control_dt
+    torso = motion.torso[0] + [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # plan's origin
+    points, turn = robot_model.body_points(robot, motion.torso[0], motion.joints[0])
+    # The lowest point of a sole [T, 2]: heel or toe, and the edge to which the foot tilts
+    soles = points[:, :, 3:, 2].min(-1) - robot.foot_width / 2 * np.abs(turn[..., 2, 1])
+    figure, axes = plt.subplots(1, 3, figsize=(12, 3.8))
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for foot, name in enumerate(("left foot", "right foot")):
-            axis.plot(time, feet[0, :, foot, k], color=robot_model.COLORS[foot], label=name)
+            color = robot_model.COLORS[foot]
+            axis.plot(time, plan.feet[0, :, foot, k], color=color, label=f"{name}, planned")
+            if k == 2:
+                axis.plot(time[1:], soles[:, foot], "--", color=color, label=f"{name}, measured")
         if k < 2:
             axis.plot(time, plan.trunk[0, :, k], "k", label="trunk, planned")
-            axis.plot(time[1:], torso[0, :, k], "k--", label="torso, measured")
+            axis.plot(time[1:], torso[:, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.suptitle("A double step amid a walk: the left foot swings, then the right")
+    named = {}
+    for axis in axes:
+        named |= dict(zip(*axis.get_legend_handles_labels()[::-1]))
+    figure.legend(named.values(), named, loc="outside lower center", ncols=4)
+    figure.suptitle("A double step during a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 
 
@@ -454,27 +484,32 @@ def main():
     out = robot_model.output_folder(args)
     sim = args.sim
     parameters = TUNED[sim]
-    engine = WalkEngine(1, parameters, planar=sim == "pymunk")
+    engine, simulator = walkers(sim, 1)
     print(f"{sim}: a double step takes {engine.period:.2f} s")
-    simulator = robot_model.make_sim(sim, 1, engine.stance)
     for _ in range(2):  # the second one is drawn; the first one starts from standing
-        plan, feet = engine.plan([WALKS["forward"]], [0])
+        plan = engine.plan([WALKS["forward"]], [0])
         motion = simulator.run([0], plan)
     simulator.close()
-    torso = motion.torso + [parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # the plan's origin
-    plot_plan(engine, plan, feet, torso, out / "02_plan.png")
+    plot_plan(engine, plan, motion, out / "02_plan.png")
+    mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], plan.joints[0])  # [T + 1, 3]
+    share = mass[:, 1].max() / (parameters.foot_distance / 2)
+    print(f"in the plan the centre of mass sways by {share:.2f} of the way to the support foot")
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)
     plot_walks(poses, commanded, out / "02_walk.png", f"Eight double steps ({sim}), from above")
-    torso, joints = pushed(sim, parameters, 0.6)
-    plot_push(engine.robot, torso, joints, out / "02_push.png", "Both are pushed by 0.6 m/s")
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
         print(
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
+    tilts, speed = {}, 0.6  # [m/s]
+    bodies = {"without the reflex": replace(parameters, reflex=0.0), "with it": parameters}
+    for name, walk in bodies.items():
+        tilts[name], fell = pushed(sim, walk, speed)
+        print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")
+    plot_push(tilts, engine, out / "02_push.png", f"Twelve pushes of {speed} m/s each ({sim})")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 

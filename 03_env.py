@@ -1,33 +1,36 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is a double step; goal or fall end the episode. The robot
-has arrived when it stays: two double steps in a row must end at the goal (the paper asks for one).
+Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal or with a
+fall. To arrive is to stay: two double steps in a row must end at the goal (the paper asks for one).
 
     python 03_env.py      a random and a hand-written planner side by side; 8 seconds
 
-(`--mujoco` in 3-D; the goals are measured exactly here.) Prints what is observed, what an action is
-and how the episodes end; writes `runs/<sim>/03_rewards.png`. Predict: which two reward terms have
-the largest positive sums for the hand-written planner, and which ones have negative sums?
+(`--mujoco` in 3-D. Both planners walk to goals that are measured without noise.) Prints what is
+observed, what an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`, whose last
+panel is about noisy goals. Predict: which two reward terms have the largest positive sums for the
+hand-written planner, and which ones have negative sums? A measurement is off by 5 cm. By how much
+is the estimate off that a Kalman filter makes of the first one, of five, of ten of them?
 
 An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
-the actions; a policy is a planner that is learned: a function from the observation to an action. An
-episode is terminated when nothing can follow (goal, fall) and truncated when only the recording
-stops (time is up): stage 4 must tell these apart.
+the actions; a policy is a planner that is learned: a function from the observation to an action. At
+the goal, or after a fall, the task is over: the episode is terminated. When only the time is up,
+the walk could go on: it is truncated. Stage 4 must tell these apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` shows it to PPO, the learning
 method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-v0") shows one robot
 of it to other libraries as a `gymnasium.Env`.
 
-Reconstructed, for the paper gives only names and captions: the formulas and scalars of the reward,
-the encoding of the observation, the spread of goals and noise. Ours: ground and body are drawn anew
-for every episode (`Spread`: domain randomization), and no planner receives these values; pushes, if
-you ask for them; and an estimate of the goal, which combines all noisy measurements so far and is
-the same for every planner (`predict`, `correct`).
+The paper gives only names and captions of some parts, so we reconstructed them: the formulas and
+scalars of the reward, the encoding of the observation, the spread of goals and noise. Ours: ground
+and body are drawn anew for every episode (`Spread`: domain randomization), and no planner receives
+these values; pushes, if you ask for them; and an estimate of the goal, which combines all noisy
+measurements so far and is the same for every planner (`predict`, `correct`).
 
-All settings are arguments of `FootstepWorld`. So another walk is `FootstepWorld(64, walk=…)`, and
-the same words fit both environments and `gymnasium.make("03_env:Footsteps-v0", …)`.
+All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
+environments and `gymnasium.make("03_env:Footsteps-v0", …)` take the same arguments.
 """
 
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -35,6 +38,8 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 from gymnasium.vector.utils import batch_space
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
@@ -42,11 +47,11 @@ wrap = robot_model.wrap
 
 
 @dataclass(frozen=True)
-class Task(robot_model.Checked):
+class Task:
     """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
 
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, from the paper's baseline times
-    far_std_m: float = 1.0  # [m] the same σ for half of the goals in training, and `05 --far`; ours
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours: with it the baseline takes 11 s
+    far_std_m: float = 1.0  # [m] σ of far goals: half of those in training, and `05 --far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
@@ -57,8 +62,8 @@ class Task(robot_model.Checked):
     imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
-    beyond_m: float = 1.5  # [m] farther goals are observed as an intermediate one; ours
-    ahead_m: float = 1.0  # [m] which is so far ahead; ours
+    beyond_m: float = 1.5  # [m] beyond this a policy observes an intermediate goal; ours
+    ahead_m: float = 1.0  # [m] how far away that is; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
@@ -66,15 +71,11 @@ class Task(robot_model.Checked):
     s_c: float = 0.1  # [-] continuity
     s_fall: float = 20.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
-    s_time: float = 0.04  # [-] cost of a double step; ours. γ is the discount of stage 4:
-    #                       a reward t double steps ahead counts γᵗ times. So walking without end
-    #                       costs 0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 with γ = 0.95.
-
-    above_zero = ("time_limit",)
+    s_time: float = 0.04  # [-] cost of a double step; ours
 
 
 @dataclass(frozen=True)
-class Spread(robot_model.Checked):
+class Spread:
     """How far ground and robot may be from the model in an episode (domain randomization). All
     zeros: the model itself. Every value is drawn uniformly and independently; sizes: our choice."""
 
@@ -84,12 +85,6 @@ class Spread(robot_model.Checked):
     stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
     delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
     gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
-    blocks: float = 0.0  # [m] 0 to this: heights of blocks on the ground, only in 3-D
-
-    def __post_init__(self):
-        super().__post_init__()
-        # The farthest robot must be possible, too: Body refuses numbers below 0.
-        robot_model.Body(0, 1 - self.mass, 1 - self.stiffness, 0, 1 - self.delay)
 
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
@@ -120,11 +115,11 @@ LIMITS = {
 
 # How far a double step ends from its plan, standard deviation in m, m, rad: the process noise of
 # the filter. Our choice, near what `python tests/studies/walk.py` prints: (0.010, 0.004, 0.000) and,
-# with --mujoco, (0.014, 0.016, 0.106). In 3-D the shipped policy is as fast with these.
+# with --mujoco, (0.014, 0.016, 0.106). With the printed values the 3-D policy takes the same time.
 DRIFT = {"pymunk": (0.010, 0.0065, 0.001), "mujoco": (0.017, 0.015, 0.10)}
 
-# The observation: name, unit (the quantity that the number 1 stands for), low, high. d: distance to
-# the goal, α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
+# The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
+# α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1; it is finer than d near
 # the goal and constant beyond.
 GOAL_TABLE = (
@@ -159,7 +154,7 @@ BOUNDS = np.array([row[2:] for row in observation_table(imu=True)], np.float32).
 
 
 def checked(name, value, *shape):
-    """The value as an array [shape] of finite numbers, or a ValueError."""
+    """The value as an array [shape]; a ValueError if it is not finite, or has another shape."""
     array = np.array(value, float)
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}")
@@ -172,7 +167,7 @@ STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
 
 def stream(name, seed, *more):
     """A random generator of its own for every stream, seed, and number of a trial."""
-    # + 1, because numpy takes (seed, 0) for the same as (seed).
+    # + 1: to numpy the seeds [a, b, 0] and [a, b] are the same.
     return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
 
 
@@ -217,17 +212,20 @@ def to_footsteps(action, limits):
 
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
-    share = np.subtract(footsteps, limits.low) / np.subtract(limits.high, limits.low)
-    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`. Where
+    the limits leave no choice, it is 0.5."""
+    span = np.subtract(limits.high, limits.low)  # [3]
+    share = np.subtract(footsteps, limits.low) / np.where(span > 0, span, 1)
+    share = np.where(span > 0, np.clip(share, 0, 1), 0.5)
+    return share.reshape(*share.shape[:-2], 6)
 
 
 # ------------------------------------------------------------------------ rewards
 def potentials(goal, near_m):
     """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
     d, alpha, beta = polar(goal)
-    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So coming near with a wrong yaw
-    # costs first; the turn pays it back.
+    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So to come near with a wrong yaw
+    # costs something at first, and the turn pays it back.
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
@@ -239,14 +237,17 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
     [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
-    potential Φ (`potentials`) after the double step minus that before it. In the sum over an
-    episode all but the ends cancel, Σ (Φ_{t+1} − Φ_t) = Φ_end − Φ_start. So a closed path pays
-    nothing. With a discount γ < 1 its beginning counts more than its end: towards the goal and back
-    pays a little, away and back costs a little. It is no loophole: a step of 0.34 m towards the
-    goal and one back pay 0.34·(1 − γ) = 0.017 with γ = 0.95, and the two double steps cost 0.08.
-    (Potential-based shaping, Ng, Harada, Russell, 1999, pays γ·Φ′ − Φ. Its discounted sum
-    Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0 depends on the ends only, so where Φ_T is 0 the best
-    policy stays the same.)
+    potential Φ (`potentials`) after the double step minus that before it. γ is the discount of
+    stage 4: a reward t double steps ahead counts γᵗ times. Split the progress in two:
+
+        Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′
+
+    The first part is potential-based shaping (Ng, Harada, Russell, 1999). In a discounted sum all
+    but its ends cancel, Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0. So where Φ_T is 0 the best policy is
+    the same with it and without it: it only tells sooner what is good. The second part is a reward
+    of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is above 0, so
+    walking in circles collects only costs. (The cost of time, s_time, alone sums up to
+    0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 for a walk without end.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
@@ -265,8 +266,9 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 to 2 cm from its plan. So it pays to
-# remember: a Kalman filter. It carries along how large its error may be: the covariance P of the
-# errors of x, y and yaw, whose diagonal holds their variances.
+# remember: a Kalman filter. (For the yaw it pays less: in 3-D a double step is off by 0.1 rad, a
+# measurement by 0.05.) It carries along how large its error may be: the covariance P of the errors
+# of x, y and yaw, whose diagonal holds their variances.
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
 
@@ -280,7 +282,8 @@ def predict(goal, covariance, motion, drift):
     J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3]
     # A double step that leads too far by small e = (e_x, e_y, e_yaw) moves a goal at (x, y) by
     # −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned turn moves it to the side.
-    G = np.eye(3) + np.stack([-y, x, 0 * x], -1)[..., None] * [0, 0, 1]  # in the last column
+    G = np.tile(np.eye(3), (len(goal), 1, 1))  # [n, 3, 3]
+    G[:, 0, 2], G[:, 1, 2] = -y, x
     # P ← J·P·Jᵀ + G·D·Gᵀ,  D: the squares of drift on the diagonal
     D = np.diag(np.square(drift))
     return goal, J @ covariance @ J.swapaxes(1, 2) + G @ D @ G.swapaxes(1, 2)
@@ -343,24 +346,21 @@ class FootstepWorld:
         task=Task(),
         spread=Spread(),
         robot=robot_model.RobotModel(),
-        cores=None,  # how many of the machine's; None: all
+        cores=None,  # of MuJoCo; None: all that the machine has
+        simulate=robot_model.make_sim,  # another physics, with the settings of `sim`
     ):
-        if sim not in LIMITS or num_robots < 1:
-            raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
-        if spread.blocks and sim == "pymunk":
-            raise ValueError("blocks on the ground need MuJoCo")
+        self.limits = limits or LIMITS.get(sim)
+        self.drift = drift or DRIFT.get(sim)
+        check_world(num_robots, sim, push, task, spread, self.limits, self.drift)
         self.sim = sim
-        self.noise = noise
-        self.push = checked("push", push)
-        self.limits = limits or LIMITS[sim]
-        self.drift = drift or DRIFT[sim]
+        self.noise = bool(noise)
+        self.push = push
         self.task = task
         self.spread = spread
-        self.engine = walk_engine.WalkEngine(
-            num_robots, walk or walk_engine.TUNED[sim], robot, planar=sim == "pymunk"
+        self.engine, self.simulator = walk_engine.walkers(
+            sim, num_robots, walk, robot, cores, simulate
         )
-        self.simulator = robot_model.make_sim(sim, num_robots, self.engine.stance, robot, cores)
-        self.close = self.simulator.close  # its threads or processes
+        self.close = self.simulator.close  # its threads
         self.max_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
@@ -404,11 +404,6 @@ class FootstepWorld:
         body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
         self.friction[robots] = body.friction
         self.simulator.reset(robots, body)
-        if self.spread.blocks:
-            self.simulator.lay_blocks(
-                robots,
-                [rng.uniform(0, self.spread.blocks, (40, 40)) for rng in self.rngs[robots, WORLD]],
-            )
         self.engine.reset(robots)
         self.gyro_offset[robots] = [
             rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.rngs[robots, GYRO]
@@ -465,11 +460,12 @@ class FootstepWorld:
             neutral_action=self.neutral_action.copy(),
         )
 
-    def _disturb(self, plan, robots):
-        """Errors of the gyro, and pushes: they are written into the plan's own arrays."""
+    def _disturbance(self, plan, robots):
+        """Errors of the gyro and pushes while these robots follow their plan: a Disturbance."""
+        disturbance = robot_model.Disturbance.none(plan)
         ticks = walk_engine.PUSH_TICKS
         often = self.engine.period / self.task.push_every  # chance of a push in a double step
-        for i, error, push in zip(robots, plan.gyro_error, plan.push):  # [T, 2] each, views
+        for i, error, push in zip(robots, disturbance.gyro_error, disturbance.push):  # [T, 2] views
             error[:] = self.rngs[i, GYRO].normal(
                 self.gyro_offset[i], self.task.imu_rad_s, error.shape
             )
@@ -480,10 +476,11 @@ class FootstepWorld:
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
+        return disturbance
 
     def step(self, actions, robots, disturb=None):
         """One double step of these robots; actions [n, 6], clipped to [0, 1]. Before physics begins
-        disturb(plan, robots) may change their WalkPlan.
+        disturb(disturbance, robots) may change their Disturbance.
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
@@ -493,20 +490,20 @@ class FootstepWorld:
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before = self.relative_goal(robots)
         last = self.actions[robots, 0]
-        plan, _ = self.engine.plan(to_footsteps(actions, self.limits), robots)
-        trunk = plan.trunk[..., [0, 1, 5]]  # [n, T + 1, 3]
+        plan = self.engine.plan(to_footsteps(actions, self.limits), robots)
+        trunk = plan.trunk[..., robot_model.GROUND]  # [n, T + 1, 3]
         self.estimate[robots], self.covariance[robots] = predict(
             self.estimate[robots],
             self.covariance[robots],
             robot_model.relative(trunk[:, 0], trunk[:, -1]),
             self.drift,
         )
-        self._disturb(plan, robots)
+        disturbance = self._disturbance(plan, robots)
         if disturb:
-            disturb(plan, robots)
-        motion = self.simulator.run(robots, plan)
+            disturb(disturbance, robots)
+        motion = self.simulator.run(robots, plan, disturbance)
         fall = motion.fell
-        self.pose[robots] = motion.torso[:, -1, [0, 1, 5]]
+        self.pose[robots] = motion.torso[:, -1, robot_model.GROUND]
         self.imu[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.angular_velocity])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
@@ -535,10 +532,16 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. A finished episode starts anew in the SAME step.
 
     Then `step` returns the first observation of the next episode; the last one of the ended
-    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True.
+    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
+    wrappers of observations refuse this mode. They work with
+    `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)
     """
 
-    metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    metadata = {
+        "autoreset_mode": gym.vector.AutoresetMode.SAME_STEP,
+        "render_modes": ["rgb_array"],
+        "render_fps": 2,  # a picture for a double step
+    }
 
     def __init__(
         self,
@@ -547,37 +550,51 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         imu=False,  # is the torso's tilt observed, too?
         staggered=False,  # do the first episodes get less time, so that they end one by one?
         autoreset=True,  # does a finished episode start anew? (Not in `FootstepEnv`.)
+        render_mode=None,
+        max_episode_steps=None,  # fewer double steps than `Task.time_limit` allows
         **settings,  # of FootstepWorld: noise, push, walk, …
     ):
         self.num_envs = num_envs
         self.staggered = staggered
         self.autoreset = autoreset
+        self.render_mode = render_mode
         self.columns = len(observation_table(imu))  # that are observed; the IMU's are the last
         self.single_observation_space = gym.spaces.Box(*BOUNDS[:, : self.columns])
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, **settings)
+        self.world.max_steps = min(self.world.max_steps, max_episode_steps or self.world.max_steps)
         self.close_extras = self.world.close  # Gymnasium calls it once, in `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
+        torso, joints = self.world.engine.stance
+        self.torso = np.tile(torso, (num_envs, 1))  # [N, 6] as the robots are drawn
+        self.joints = np.tile(joints, (num_envs, 1))  # [N, 12]
 
     def reset(self, *, seed=None, options=None):
         """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
         rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
-        self.world.reset(self.robots, rngs, **(options or {}))
+        self._restart(self.robots, rngs, **(options or {}))
         if self.staggered:  # or all time-outs of robots that cannot walk yet would come at once
-            self.world.allowed -= self.np_random.integers(self.world.max_steps, size=self.num_envs)
+            most = max(1, self.world.max_steps)
+            self.world.allowed -= self.np_random.integers(most, size=self.num_envs)
         return self.look(self.robots), {}
+
+    def _restart(self, robots, *settings, **more):
+        self.world.reset(robots, *settings, **more)
+        self.torso[robots], self.joints[robots] = self.world.engine.stance
 
     def look(self, robots):
         """Observations [n, 20 or 25] after one more measurement."""
         return self.world.look(robots).observation[:, : self.columns]
 
     def step(self, actions):
-        """infos: the result of `FootstepWorld.step`, and final_obs, final_info."""
+        """infos: the result of `FootstepWorld.step` without the Motion; final_obs, final_info."""
         result = self.world.step(actions, self.robots)
+        motion = result.pop("motion")
+        self.torso, self.joints = motion.torso[:, -1].copy(), motion.joints[:, -1].copy()
         terminated = result["success"] | result["fall"]
         truncated = result["timeout"]
         observations = self.look(self.robots)
@@ -590,21 +607,40 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
                 "_final_info": ended,
             }
             fresh = self.robots[ended]
-            self.world.reset(fresh)
+            self._restart(fresh)
             observations[fresh] = self.look(fresh)
         return observations, result["reward"], terminated, truncated, result
+
+    def render(self):
+        """A picture of every robot and its goal, a tuple of uint8 [400, 400, 3]."""
+        return tuple(self.picture(i) for i in self.robots)
+
+    def picture(self, i):
+        """Robot i and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
+        figure = Figure(figsize=(4, 4), dpi=100, layout="constrained")
+        canvas, axes = FigureCanvasAgg(figure), figure.subplots()
+        camera = robot_model.camera_at()
+        robot_model.draw_ground(axes, camera, 4)
+        torso, joints, goal = self.torso[[i]], self.joints[[i]], self.world.goal[i]
+        robot = self.world.engine.robot
+        robot_model.draw_way(axes, robot, goal, [], camera)
+        robot_model.draw_robots(axes, robot, torso, joints, camera)
+        seen = camera[1:] @ np.transpose([torso[0, :3], [*goal[:2], 0]])  # robot, goal  [2, 2]
+        xlim, ylim = np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5])
+        axes.set(xlim=xlim, ylim=ylim)
+        canvas.draw()
+        return np.array(canvas.buffer_rgba())[..., :3]
 
 
 class FootstepEnv(gym.Env):
     """One robot of a `FootstepVectorEnv`. `gymnasium.wrappers.RecordVideo` can film it."""
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
+    metadata = {name: FootstepVectorEnv.metadata[name] for name in ("render_modes", "render_fps")}
 
     def __init__(self, render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
-        self.envs = FootstepVectorEnv(1, autoreset=False, cores=1, **settings)
+        self.envs = FootstepVectorEnv(1, autoreset=False, **{"cores": 1, **settings})
         self.world = self.envs.world
-        self.seen = self.world.engine.stance  # the robot as it is drawn: torso [6], joints [12]
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
         self.close = self.envs.close
@@ -613,36 +649,18 @@ class FootstepEnv(gym.Env):
         """A new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
         super().reset(seed=seed)
         observations, info = self.envs.reset(seed=seed, options=options)
-        self.seen = self.world.engine.stance
         return observations[0], info
 
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.step([action])
-        motion = infos["motion"]
-        self.seen = motion.torso[0, -1], motion.joints[0, -1]
         info = {key: infos[key][0].item() for key in ("success", "fall", "timeout", "time")}
         info["reward_terms"] = {name: r[0] for name, r in infos["reward_terms"].items()}
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
-        """The robot and its goal (a green arrow along its yaw), uint8 [400, 400, 3]; both are in
-        the picture."""
-        figure, axes = plt.subplots(figsize=(4, 4))
-        camera = robot_model.camera_at()
-        robot_model.draw_ground(axes, camera, 4)
-        x, y, yaw = self.world.goal[0]
-        ends = camera[1:, :2] @ [[x, x + 0.3 * np.cos(yaw)], [y, y + 0.3 * np.sin(yaw)]]  # [2, 2]
-        axes.plot(*ends, "-o", color="tab:green", lw=4, markevery=2)  # a dot where it begins
-        torso, joints = self.seen
-        robot_model.draw_robots(axes, self.world.engine.robot, torso[None], joints[None], camera)
-        corners = np.column_stack([ends, camera[1:] @ torso[:3]])  # [2, 3]
-        xlim, ylim = np.column_stack([corners.min(1) - 0.5, corners.max(1) + 0.5])
-        axes.set(xlim=xlim, ylim=ylim)
-        figure.canvas.draw()
-        picture = np.array(figure.canvas.buffer_rgba())[..., :3]
-        plt.close(figure)
-        return picture
+        """See `FootstepVectorEnv.render`."""
+        return self.envs.picture(0)
 
 
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
@@ -650,10 +668,9 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 # ------------------------------------------------------------------------ demonstration
 def hand_written(goal, limits):
-    """A planner without learning. Far from the goal it turns to the goal's position, near it to the
-    goal's yaw.
-
-    Goals as measured [n, 3] -> actions [n, 6], at most half of what the limits allow.
+    """The actions [n, 6] of a planner without learning, at most half of what the limits allow, for
+    goals seen from the robot [n, 3]. Far from the goal it turns to the goal's position, near it to
+    the goal's yaw.
     """
     d, alpha, beta = polar(goal)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
@@ -665,25 +682,53 @@ def hand_written(goal, limits):
     return to_action(steps, limits)
 
 
-def plot_rewards(means, paid, path, title):
-    """Left: the sum of all rewards, by term, ÷ the number of episodes that ended; [7] by planner.
-    Right: one episode of one robot, what each term paid in its K double steps, [K, 7].
+def walk_for_a_while(envs, act, steps):
+    """What each of the R reward terms paid, [steps, R, N], and which episodes ended at the goal, and
+    which by a fall, [2, steps, N]; act: View -> actions."""
+    paid, goals, falls = [], [], []
+    for _ in range(steps):
+        *_, infos = envs.step(act(envs.world.look(envs.robots)))
+        paid.append([*infos["reward_terms"].values()])
+        goals.append(infos["success"])
+        falls.append(infos["fall"])
+    return np.array(paid), np.array([goals, falls])
+
+
+def estimate_errors(world, steps):
+    """After 1, 2, … measurements: the root mean square error of the estimate's x and y, and what the
+    filter takes it to be, [2, steps] [m]. The robots walk with the hand-written planner."""
+    robots, rows = np.arange(len(world.goal)), []
+    for _ in range(steps):
+        view = world.look(robots)
+        error = (view.goal - world.relative_goal(robots))[:, :2]
+        variance = np.diagonal(world.covariance, axis1=1, axis2=2)[:, :2]
+        rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
+        world.step(hand_written(view.goal, world.limits), robots)
+    return np.transpose(rows)
+
+
+def plot_rewards(terms, episode, errors, noise_m, path):
+    """Left: what the reward terms (their names) paid in an episode, rewards [K, R]. Right: errors of
+    the estimated goal [2, K], see `estimate_errors`.
     """
-    words = "distance", "angle", "orient to goal", "continuity", "fall", "goal", "time"
-    figure, (bars, curves) = plt.subplots(1, 2, figsize=(11, 4))
-    bars.barh(words, means["random"], 0.8, color="0.8", label="random")
-    bars.barh(words, means["hand-written"], 0.4, color="tab:cyan", label="hand-written")
-    bars.set_xscale("symlog", linthresh=1)  # linear from −1 to 1, logarithmic beyond
-    bars.set(title=title, xlabel="sum of all rewards / ended episodes [1], beyond ±1 logarithmic")
-    bars.invert_yaxis()
-    bars.legend()
-    curves.plot(paid.cumsum(0), label=words)
+    figure, (curves, estimate) = plt.subplots(1, 2, figsize=(11, 4))
+    curves.plot(np.cumsum([0 * episode[0], *episode], 0), label=terms)
     curves.set(
-        title="One episode, hand-written planner",
+        title="One episode of the hand-written planner",
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )
     curves.legend()
+    for error, style, name in zip(errors, ("o-", "x--"), ("error", "what the filter takes for it")):
+        estimate.plot(range(1, len(error) + 1), 100 * error, style, label=name)
+    estimate.axhline(100 * noise_m, color="0.5", label="error of one measurement")
+    estimate.set(
+        title="The estimated goal, with noise",
+        xlabel="measurements so far",
+        ylabel="root mean square error of x and y [cm]",
+        ylim=(0, None),
+    )
+    estimate.legend()
     robot_model.save_figure(figure, path)
 
 
@@ -691,13 +736,13 @@ def main():
     args = robot_model.stage_parser(__doc__).parse_args()
     path = robot_model.output_folder(args) / "03_rewards.png"
     limits = LIMITS[args.sim]
-    for row in (
+    for line in (
         ("observation", "unit", "low", "high"),
         *observation_table(),
         ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
         *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2),
     ):
-        print("{:32} {:>22} {:>7} {:>7}".format(*row))
+        print("{:32} {:>22} {:>7} {:>7}".format(*line))
 
     count, steps = 64, 60
     envs = FootstepVectorEnv(count, args.sim)
@@ -707,23 +752,44 @@ def main():
         "hand-written": lambda view: hand_written(view.goal, limits),
     }
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
-    means = {}
+    terms = [*reward_terms(*np.zeros((2, 1, 3)), *np.zeros((2, 1, 6)), 0, 0)]
+    row = "{:14}{:>10}{:>7}  " + len(terms) * "{:>8}"
+    print(row.format("mean sums of:", "episodes", "falls", *terms))
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
-        rows = []
-        for _ in range(steps):
-            *_, infos = envs.step(act(envs.world.look(envs.robots)))
-            rows.append([*infos["reward_terms"].values()])
-        paid = np.array(rows)  # [60, 7, 64]
-        ended = paid[:, 4:6] != 0  # [60, 2, 64] by a fall, at the goal
-        falls, goals = ended.sum((0, 2))
-        means[name] = paid.sum((0, 2)) / ended.sum()
-        print(f"{name:13s}: {goals} episodes at the goal, {falls} falls")
+        paid, (goals, falls) = walk_for_a_while(envs, act, steps)  # [60, R, 64], [60, 64] each
+        ended, total = goals | falls, paid.cumsum(0)
+        sums = [np.diff(total[ended[:, i], :, i], axis=0, prepend=0) for i in range(count)]
+        means = np.concatenate(sums).mean(0)  # [R] over all ended episodes
+        print(row.format(name, ended.sum(), falls.sum(), *means.round(2)))
     envs.close()
-    first = ended.any(1).argmax(0)  # [64] when the first episode ended; 0: it did not
-    robot = first.argmax()  # its first episode was the longest
-    plot_rewards(means, paid[: first[robot] + 1, :, robot], path, f"{count} robots ({args.sim})")
+    # Of the hand-written planner, which walked last: the longest of the robots' first episodes
+    first = ended.argmax(0)  # [64] when it ended; 0: it did not
+    robot = first.argmax()
+    episode = paid[: first[robot] + 1, :, robot]
+    with closing(FootstepWorld(count, args.sim, noise=True)) as world:
+        robots = np.arange(count)
+        world.reset(robots, [stream("training", args.seed, i) for i in robots])
+        errors = estimate_errors(world, 15)
+    plot_rewards(terms, episode, errors, world.task.noise_m, path)
     print("Look at", path)
+
+
+# ------------------------------------------------------------------------ checks
+def check_world(num_robots, sim, push, task, spread, limits, drift):
+    """A ValueError for settings of `FootstepWorld` that cannot be."""
+    if sim not in LIMITS or num_robots < 1:
+        raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
+    robot_model.check(task, above_zero=("time_limit", "push_every", "near_m"))
+    robot_model.check(spread)
+    if spread.mass >= 1 or spread.stiffness > 1 or spread.delay > 1:
+        raise ValueError(f"{spread}: the robot that is farthest from the model cannot be")
+    robot_model.check(limits, may_be_negative=("low", "high"))
+    low, high = checked("low", limits.low, 3), checked("high", limits.high, 3)
+    if (low > high).any():
+        raise ValueError(f"{limits}: low must not be above high")
+    if checked("push", push) < 0 or checked("drift", drift, 3).min() < 0:
+        raise ValueError(f"push {push} and drift {drift} must be 0 or more")
 
 
 if __name__ == "__main__":

@@ -64,7 +64,6 @@ import math
 import os
 import time
 import zipfile
-from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -565,10 +564,8 @@ def main(argv=None):
     about = {"fits": {"simulator": task}, "imu": args.imu, "noise": args.noise}
     try:
         _, rows = train(cfg, make_envs, out, steps, args.seed, args.resume, **about)
-    except (KeyboardInterrupt, BrokenProcessPool) as error:
-        raise InputError(
-            f"{str(error) or 'interrupted'}; --resume continues after the last update"
-        ) from None
+    except KeyboardInterrupt:
+        raise InputError("interrupted; --resume continues after the last update") from None
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
     if not args.env:

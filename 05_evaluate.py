@@ -39,7 +39,7 @@ import math
 import runpy
 import sys
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
@@ -52,7 +52,6 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
 
-ROBOT = robot_model.RobotModel()
 OUTCOMES = ("success", "timeout", "fall")
 PAPER = {  # Table II by (planner, noise): success | timeout | fall | success time [s] ± its std
     ("policy", False): "0.980 | 0.000 | 0.020 | 6.07 ± 2.13",
@@ -65,7 +64,7 @@ FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw 
 
 # ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
-class BaselineSettings(robot_model.Checked):
+class BaselineSettings:
     """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
 
     forward: float = 0.12  # [m/s] speed limit
@@ -149,6 +148,7 @@ class BaselinePlanner:
     """The controller of [10]; it decides once per double step instead of 20 times a second."""
 
     def __init__(self, settings=BaselineSettings()):
+        robot_model.check(settings)
         self.settings = settings
 
     def reset(self, num_robots):
@@ -260,15 +260,6 @@ def double_step(planner, world, robots, disturb=None):
     return world.step(actions, robots, disturb)
 
 
-def foot_poses(robot, torso, joints):
-    """Where the measured feet are at the end of double steps, x, y [m], yaw [rad]:
-    torso [K, T, 6], joints [K, T, 12] -> [K, 2, 3].
-    """
-    points, turn = robot_model.body_points(robot, torso[:, -1], joints[:, -1])
-    yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2] where the toes point
-    return np.dstack([points[:, :, 2, :2], yaw])  # point 2 is the ankle
-
-
 def record(planner, world, trials):
     """Walk and yield what physics did, a dict per trial: torso [T, 6] and joints [T, 12] at all T
     ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
@@ -282,7 +273,7 @@ def record(planner, world, trials):
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
             "friction": ended["friction"][i],
-            "feet": foot_poses(world.engine.robot, torso, joints),
+            "feet": robot_model.foot_poses(world.engine.robot, torso[:, -1], joints[:, -1]),
             "torso": np.concatenate(torso),
             "joints": np.concatenate(joints),
         }
@@ -334,35 +325,14 @@ def time_ratio(trials, reference):
 
 
 # ------------------------------------------------------------------------ pictures
-def draw_way(axes, goal, feet, camera):
-    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
-
-    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
-    the prints.
-    """
-    angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
-    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
-    x = np.repeat([ROBOT.foot_front, -ROBOT.foot_back], 2)
-    y = np.array([1, -1, -1, 1]) * ROBOT.foot_width / 2
-
-    def fill(pose, outline, color, alpha):
-        points = pose[:2] + robot_model.turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
-
-    for poses in feet:
-        for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
-            sole = np.column_stack([x, y + outward * ROBOT.foot_outward])  # [4, 2] [m]
-            fill(pose, sole, color, 0.35)
-    fill(goal, disc, "tab:green", 0.9)
-
-
-def plot_footsteps(columns, path):
+def plot_footsteps(robot, columns, path):
     """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
         title = name
         for number, walk in enumerate(walks, 1):
-            draw_way(panel, walk["goal"], walk["feet"], robot_model.camera_at(-90, 90))
+            camera = robot_model.camera_at(-90, 90)
+            robot_model.draw_way(panel, robot, walk["goal"], walk["feet"], camera)
             panel.plot(*walk["torso"][:, :2].T, "k", lw=1)
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
@@ -370,7 +340,7 @@ def plot_footsteps(columns, path):
         panel.set(title=title, aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
     axes[0].set_ylabel("y [m]")
-    left, right, *_, goal = axes[0].patches  # as `draw_way` drew them
+    left, right, *_, goal = axes[0].patches  # as `draw_way` of stage 1 drew them
     figure.legend(
         [left, right, goal, axes[0].lines[0]],
         ["left foot", "right foot", "goal", "torso on the ground"],
@@ -380,17 +350,17 @@ def plot_footsteps(columns, path):
     robot_model.save_figure(figure, path)
 
 
-def draw_scene(axes, goal, feet, torso, joints, title):
+def draw_scene(axes, robot, goal, feet, torso, joints, title):
     """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
-    draw_way(axes, goal, feet, camera)
-    robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], camera)
+    robot_model.draw_way(axes, robot, goal, feet, camera)
+    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
     axes.set_title(title)
 
 
-def plot_race(walks, path, every=10, more=lambda axes: None):
+def plot_race(robot, walks, path, every=10, more=lambda axes: None):
     """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
     is drawn every so many ticks; more(axes) may add to it.
     """
@@ -408,15 +378,15 @@ def plot_race(walks, path, every=10, more=lambda axes: None):
             ticks = len(walk["torso"])
             now = min(tick, ticks - 1)
             feet = walk["feet"][: (now + 1) * len(walk["feet"]) // ticks]
-            title = walk["ending"] if now < tick else f"{now * ROBOT.control_dt:.1f} s"
+            title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
             torso, joints = walk["torso"][now], walk["joints"][now]
-            draw_scene(panel, walk["goal"], feet, torso, joints, f"{name}\n{title}")
+            draw_scene(panel, robot, walk["goal"], feet, torso, joints, f"{name}\n{title}")
             more(panel)
             panel.axis([left, right, low, high])
 
     # The last picture is repeated. So many a second: twice the robot's speed
     film = FuncAnimation(figure, draw, [*range(0, last, every), *[last + every] * 30])
-    rate = 2 / (every * ROBOT.control_dt)
+    rate = 2 / (every * robot.control_dt)
     robot_model.atomic_write(path, lambda file: film.save(file, "pillow", rate, dpi=75))
     plt.close(figure)
 
@@ -446,6 +416,7 @@ def play(world, planners, speed):
         "click: a goal; drag: its heading; space: a push; r: reflex on, off; p: another planner"
     )
     robots, engine = np.array([0]), world.engine
+    walk = engine.parameters
     keys = ["p"]  # that were pressed; the first p takes the first planner
     goal = np.zeros(3)  # x, y [m], yaw [rad]
     pressed = np.zeros(2)  # x, y [m] where the mouse was
@@ -473,12 +444,10 @@ def play(world, planners, speed):
             world.set_goal(robots, goal)
             clock, arrived = 0, False
 
-    def disturb(plan, robots):
+    def disturb(disturbance, robots):
         if " " in keys:
             force = env.walk_engine.push_force(engine.robot, speed)
-            plan.push[0, : env.walk_engine.PUSH_TICKS] = force * push
-        if not reflex:
-            plan.reflex_gain[:] = 0
+            disturbance.push[0, : env.walk_engine.PUSH_TICKS] = force * push
 
     connect = figure.canvas.mpl_connect
     connect("button_press_event", press)
@@ -497,6 +466,7 @@ def play(world, planners, speed):
         if fell or "p" in keys:
             planners[name].reset(1)
         reflex ^= "r" in keys  # switched on or off
+        engine.parameters = walk if reflex else replace(walk, reflex=0.0)
         angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
         push = robot_model.turned([1, 0], angle) * (" " in keys)  # its direction, 0: none
         result = double_step(planners[name], world, robots, disturb)
@@ -512,13 +482,14 @@ def play(world, planners, speed):
             f"{'arrived after ' if arrived else ''}{seconds:.1f} s\n{pushes} pushes, {falls} falls"
         )
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
-            draw_scene(axes, goal, feet[-20:], torso, joints, title)
+            draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints, title)
             if push.any():
                 start = torso[:3] - [*(0.4 * push), 0]
                 axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
-        feet = np.concatenate([feet, foot_poses(engine.robot, motion.torso, motion.joints)])
+        last = motion.torso[:, -1], motion.joints[:, -1]
+        feet = np.concatenate([feet, robot_model.foot_poses(engine.robot, *last)])
 
 
 # ------------------------------------------------------------------------ tables
@@ -825,11 +796,11 @@ def main(argv=None):
         write_trials(out / "trials.csv", blocks, results)
         names = "baseline", "baseline_tuned", shown
         walks = {name: [*record(planners[name], world, figure_trials)] for name in names}
-        plot_footsteps(walks, out / "footsteps.png")
+        plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         print(text)
         if args.gif:  # a minute
             race = {name: own[-1] for name, own in walks.items()}
-            plot_race(race, out / "animation.gif")
+            plot_race(world.engine.robot, race, out / "animation.gif")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 

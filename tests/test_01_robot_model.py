@@ -45,8 +45,8 @@ def stance(name):
 def still(name, num_robots, seconds):
     ticks = round(seconds / ROBOT.control_dt)
     joints = np.tile(stance(name)[1], (num_robots, ticks + 1, 1))
-    trunk = np.zeros((num_robots, ticks + 1, 6))
-    return walk_engine.WalkPlan(joints, trunk, *np.zeros((3, num_robots, ticks, 2)))
+    trunk, feet = np.zeros((num_robots, ticks + 1, 6)), np.zeros((num_robots, ticks + 1, 2, 4))
+    return walk_engine.WalkPlan(joints, trunk, feet, np.zeros((num_robots, ticks, 2)))
 
 
 def leaning(name, angles, seconds):
@@ -59,8 +59,8 @@ def leaning(name, angles, seconds):
 
 
 def planar_bodies(space):
-    """The robot's seven, without the ground; the torso first."""
-    return list(space.bodies)[1:]
+    """The robot's seven; the torso first."""
+    return list(space.bodies)
 
 
 def pivots_of(space):
@@ -68,14 +68,14 @@ def pivots_of(space):
     return [joint for joint in space.constraints if isinstance(joint, pymunk.PivotJoint)]
 
 
-def part(trajectory, robots=slice(None), ticks=slice(None)):
-    """Some robots of a trajectory, or the ticks between some samples of its joints."""
-    start, stop, _ = ticks.indices(trajectory.joints.shape[1])
+def part(plan, robots=slice(None), ticks=slice(None)):
+    """Some robots of a plan, or the ticks between some samples of its joints."""
+    start, stop, _ = ticks.indices(plan.joints.shape[1])
     return replace(
-        trajectory,
+        plan,
         **{
-            name: values[robots, start : stop - (name not in ("joints", "trunk"))]
-            for name, values in vars(trajectory).items()
+            name: values[robots, start : stop - (name == "reflex_gain")]
+            for name, values in vars(plan).items()
         },
     )
 
@@ -92,16 +92,20 @@ def walking(name, num_robots, footsteps, count, robot=ROBOT):
     engine = walk_engine.WalkEngine(num_robots, p, robot, name == "pymunk")
     footsteps = np.linspace(1, 0.6, num_robots)[:, None, None] * footsteps  # [N, 2, 3]
     everybody = np.arange(num_robots)
-    return [engine.plan(footsteps, everybody)[0] for _ in range(count)], engine.stance
+    return [engine.plan(footsteps, everybody) for _ in range(count)], engine.stance
 
 
-def disturbed(plans):
-    """These trajectories with a noisy gyro, and every robot is pushed ahead for 50 ms."""
-    rng = default_rng(1)
-    for plan in plans:
-        plan.gyro_error[:] = rng.normal(0, 0.2, plan.push.shape)
-        plan.push[:, 10:15, 0] = 30
-    return plans
+def disturbed(plan):
+    """A noisy gyro, and every robot is pushed ahead for 50 ms, during this plan."""
+    disturbance = robot_model.Disturbance.none(plan)
+    disturbance.gyro_error[:] = default_rng(1).normal(0, 0.2, disturbance.push.shape)
+    disturbance.push[:, 10:15, 0] = 30
+    return disturbance
+
+
+def rows_of(disturbance, robots):
+    """The Disturbance of some robots."""
+    return replace(disturbance, **{key: rows[robots] for key, rows in vars(disturbance).items()})
 
 
 SPREAD = {"friction": 0.3, "mass": 0.1, "stiffness": 0.2, "stiction": 1.5}
@@ -499,8 +503,10 @@ def test_the_reflex_brakes_what_a_push_begins(make_sim, name):
     trajectory = still(name, 3 * len(pushes), 3.0)
     trajectory.reflex_gain[:, 10:] = np.tile(gains, len(pushes))[:, None, None]
     force = ROBOT.torso.mass * 0.6 / 0.05  # m·Δv / t [N], for 50 ms
-    trajectory.push[:, 10:15] = force * np.repeat(pushes, 3, 0)[:, None]
-    motion = make_sim(name, 3 * len(pushes)).run(np.arange(3 * len(pushes)), trajectory)
+    disturbance = robot_model.Disturbance.none(trajectory)
+    disturbance.push[:, 10:15] = force * np.repeat(pushes, 3, 0)[:, None]
+    sim = make_sim(name, 3 * len(pushes))
+    motion = sim.run(np.arange(3 * len(pushes)), trajectory, disturbance)
     change = np.abs(motion.torso[:, 18, 3:5] - motion.torso[:, 9, 3:5]).max(1)
     for push, lean, fell in zip(pushes, change.reshape(-1, 3), motion.fell.reshape(-1, 3)):
         what = f"pushed along {push}: 40 ms later it leans by {lean.round(3)} rad, gains {gains} s"
@@ -517,8 +523,9 @@ def test_a_push_gives_momentum_to_the_torso_while_it_lasts(make_sim, name):
     torso[2] = 1.0  # in the air, where no ground takes a share
     sim, trajectory = make_sim(name, 3, standing=(torso, joints)), still(name, 3, 0.12)
     want = np.array([[2.1, 0], [0, -0.7], [0, 0]])  # [kg m/s] ahead, to the right, none
-    trajectory.push[:, 3:8] = want[:, None] / (5 * ROBOT.control_dt)  # force = momentum / time
-    motion = sim.run(np.arange(3), trajectory)
+    disturbance = robot_model.Disturbance.none(trajectory)
+    disturbance.push[:, 3:8] = want[:, None] / (5 * ROBOT.control_dt)  # force = momentum / time
+    motion = sim.run(np.arange(3), trajectory, disturbance)
     want[:, 1] *= name == "mujoco"  # nobody is pushed out of a plane
     for i in range(3):
         if name == "mujoco":
@@ -541,11 +548,16 @@ def test_the_gyro_is_read_every_second_tick(make_sim, monkeypatch, name):
         return np.zeros((1, end - tick, 12))
 
     monkeypatch.setattr(walk_engine.WalkPlan, "feedback", silent)
-    whole.run([0], plans[0])
+    disturbance = robot_model.Disturbance.none(plans[0])
+    disturbance.gyro_error[0, 20] = 0.3, -0.4
+    whole.run([0], plans[0], disturbance)
     assert [one[:2] for one in read] == [(k, k + 2) for k in range(0, 62, 2)], "it holds for two"
     omega = piece.run([0], part(plans[0], ticks=slice(0, 11))).angular_velocity[:, :2]
     want = omega * [name == "mujoco", 1]  # a plane has no x
     close(read[5][2], want, "how fast the torso turns about x and y at tick 10")
+    omega = piece.run([0], part(plans[0], ticks=slice(10, 21))).angular_velocity[:, :2]
+    want = omega * [name == "mujoco", 1] + [0.3, -0.4]
+    close(read[10][2], want, "measured: the true one plus the gyro's error at tick 20")
 
 
 def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew(make_sim):
@@ -736,7 +748,7 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
     plans, standing = walking(name, 1, [[0.08, 0, 0.1], [0.08, 0, -0.1]], 2)
     sim, last = make_sim(name, 2, standing=standing), standing[1][None, None]
     sim.reset([0], bodies(1, delay=1))
-    ticks, rng = plans[0].push.shape[1], default_rng(6)
+    ticks, rng = plans[0].reflex_gain.shape[1], default_rng(6)
     added = np.zeros((2, ticks, 12))  # by a reflex that we make up
 
     def made_up(self, robot, tick, end, angular_velocity):
@@ -761,22 +773,22 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
 @BOTH
 def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     plans, standing = walking(name, 4, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 2)
-    for plan in disturbed(plans):
+    for plan in plans:
         plan.reflex_gain[2] = 0  # one of them without the reflex
+    pushes = disturbed(plans[0])
     spread, one, fresh = sims = [make_sim(name, 4, cores, standing) for cores in (2, 1, 1)]
     for sim in sims:
         sim.reset([2, 3, 0, 1], bodies(4, **SPREAD, delay=1))
-    want = one.run(np.arange(4), plans[0])
+    want = one.run(np.arange(4), plans[0], pushes)
     for robots in ([2], [3, 1, 0]):
         assert_same_motion(
-            spread.run(robots, part(plans[0], robots)),
+            spread.run(robots, part(plans[0], robots), rows_of(pushes, robots)),
             want,
             want_rows=robots,
-            err_msg="are rows, robots and their bodies matched, also after "
-            "spreading them: robot i is number i // 2 in process i mod 2?",
+            err_msg="are rows, robots, their bodies and what disturbs them matched?",
         )
     spread.reset([1])
-    got, want, new = (sim.run(np.arange(4), plans[1]) for sim in (spread, one, fresh))
+    got, want, new = (sim.run(np.arange(4), plans[1], pushes) for sim in (spread, one, fresh))
     assert_same_motion(got, want, [0, 2, 3], [0, 2, 3], "robot 1 was reset, and others changed")
     assert_same_motion(got, new, 1, 1, "a reset keeps more than the body, or less")
     assert got.torso[1, -1, 0] < want.torso[1, -1, 0] - 0.03, "robot 1 starts at the origin again"
@@ -805,27 +817,6 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
     sim.reset([1, 2])
     assert_same_motion(sim.run(everybody, seconds), want, [1, 2], [1, 2], "a reset cures it")
     assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir()), "MuJoCo's warnings"
-
-
-def test_blocks_are_as_high_as_drawn_until_the_next_reset(make_sim):
-    sim = make_sim("mujoco", 2)
-    heights = np.zeros((1, 40, 40))
-    heights[0, 25, 30] = heights[0, 19, 19] = 0.01  # y from 1 m to 1.2 m, x from 2 m to 2.2 m
-
-    def ground(i, x, y):
-        """Height of the ground: a ray from 1 m above, downward; it does not see the torso."""
-        data = mujoco.MjData(sim.models[i])
-        mujoco.mj_forward(sim.models[i], data)
-        down, hit = np.array([0, 0, -1.0]), np.zeros(1, np.int32)
-        place = np.array([x, y, 1.0])
-        return 1 - mujoco.mj_ray(sim.models[i], data, place, down, None, 1, 1, hit)
-
-    for lay in (True, False):
-        sim.reset([0, 1], bodies(2))
-        if lay:
-            sim.lay_blocks([1], heights)
-        found = [ground(1, 2.1, 1.1), ground(1, 2.4, 1.1), ground(1, 0, 0), ground(0, 2.1, 1.1)]
-        close(found, [0.01 * lay, 0, 0, 0], "only there, and flat where it stands", atol=1e-6)
 
 
 def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):

@@ -8,6 +8,7 @@ from functools import partial
 from importlib import import_module
 
 import gymnasium as gym
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from checks import close, equal
@@ -58,7 +59,7 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
     ids=str,
 )
 def test_gymnasium_can_make_vectors(make, mode, more):
-    own = make(env.FootstepVectorEnv, 2, more.get("sim", "pymunk"), cores=1)
+    own = make(env.FootstepVectorEnv, 2, more.get("sim", "pymunk"))
     envs = make(partial(gym.make_vec, "Footsteps-v0", 2, mode, **more))
     first, _ = own.reset(seed=4)
     equal(envs.reset(seed=4)[0], first, "robot i has the seed s + i, in both vectors")
@@ -69,13 +70,36 @@ def test_gymnasium_can_make_vectors(make, mode, more):
     assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
 
 
+def test_a_vector_keeps_the_conventions_of_gymnasium(make):
+    envs = make(gym.make_vec, "Footsteps-v0", 2, render_mode="rgb_array", max_episode_steps=2)
+    listed = gym.wrappers.vector.DictInfoToList(envs)
+    listed.reset(seed=0)
+    for step in range(2):
+        *_, truncated, infos = listed.step(np.full((2, 6), 0.5, np.float32))
+        assert truncated.all() == (step == 1), "max_episode_steps is a time limit"
+        assert len(infos) == 2 and {"success", "reward_terms"} <= infos[1].keys()
+    assert "final_info" in infos[0], "the info of what has ended, too"
+    pictures = envs.render()
+    assert [picture.shape for picture in pictures] == [(400, 400, 3)] * 2, "one for every robot"
+    one = make(gym.make, "Footsteps-v0", cores=1, max_episode_steps=1)  # the same words fit both
+    one.reset(seed=0)
+    assert one.step(one.unwrapped.world.neutral_action)[3]
+
+
+def test_a_picture_does_not_depend_on_the_user_s_figures(make):
+    envs = make(env.FootstepVectorEnv, 1)
+    plain = envs.picture(0)
+    with plt.rc_context({"figure.dpi": 150, "savefig.format": "svg"}):
+        equal(envs.picture(0), plain)
+    assert plain.shape == (400, 400, 3) and not plt.get_fignums()
+
+
 @BOTH
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
 def test_robots_together_equal_robots_alone(make, sim, n):
     rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
-    cores = 1 if sim == "pymunk" and n == 3 else 2  # its processes need seconds to start
     settings = {"noise": True, "imu": True, "push": 1.2, "task": task}  # [m/s] some of them fall
-    together = make(env.FootstepVectorEnv, n, sim, cores=cores, **settings)
+    together = make(env.FootstepVectorEnv, n, sim, cores=2, **settings)
     alone = [make(env.FootstepEnv, sim=sim, **settings) for _ in range(n)]
     got, _ = together.reset(seed=11)
     want = [one.reset(seed=11 + i)[0] for i, one in enumerate(alone)]
@@ -99,7 +123,7 @@ def test_robots_together_equal_robots_alone(make, sim, n):
 
 
 def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
-    envs = make(env.FootstepVectorEnv, 3, cores=1)
+    envs = make(env.FootstepVectorEnv, 3)
     goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
     envs.reset(seed=3, options={"goals": goals})
     poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
@@ -151,7 +175,7 @@ def test_a_distant_goal_is_observed_as_one_on_the_way(make):
     ahead = [0.6 * TASK.ahead_m, -0.8 * TASK.ahead_m, math.atan2(-0.8, 0.6)]
     close(seen[0], ahead, "a goal beyond `beyond_m`: `ahead_m` on the way to it, facing it")
     close(seen[1], goals[1], "a nearer goal is itself")
-    world = make(env.FootstepWorld, 2, cores=1)
+    world = make(env.FootstepWorld, 2)
     world.set_goal([0, 1], goals)
     view = world.look([0, 1])
     close(view.goal, goals, "the view's goal is the true one, for every planner", atol=1e-6)
@@ -160,14 +184,16 @@ def test_a_distant_goal_is_observed_as_one_on_the_way(make):
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
-    plain, more = (make(env.FootstepVectorEnv, 3, sim, cores=1, imu=imu) for imu in (False, True))
+    plain, more = (make(env.FootstepVectorEnv, 3, sim, imu=imu) for imu in (False, True))
     seen, both = plain.reset(seed=0)[0], more.reset(seed=0)[0]
     equal(both[:, :20], seen, "the IMU is observed only when it is asked for")
     lean = 4 * more.world.engine.parameters.trunk_pitch
     close(both[:, 20:], np.tile([0, lean, 0, 0, 0], (3, 1)), "it starts leaning", atol=1e-6)
     actions = default_rng(7).uniform(0.3, 0.7, (3, 6))
-    seen, *_, infos = more.step(actions)
-    motion = infos["motion"]
+    run, motions = more.world.simulator.run, []
+    more.world.simulator.run = lambda *given: motions.append(run(*given)) or motions[0]
+    seen, *_ = more.step(actions)
+    (motion,) = motions
     imu = np.concatenate([4 * motion.torso[:, -1, 3:5], motion.angular_velocity], -1)
     close(seen[:, 20:], imu, "that of the LAST tick of the double step", atol=1e-5)
     more.world.imu[1] = 0.1, -0.2, 1.0, -20.0, 3.0
@@ -229,7 +255,7 @@ def test_actions_and_footsteps_are_inverse(sim):
 
 @pytest.mark.parametrize("name, shape", [("actions", (2, 6)), ("goals", (2, 3))])
 def test_wrong_numbers_are_refused_and_change_nothing(make, name, shape):
-    one, untouched = (make(env.FootstepVectorEnv, 2, noise=True, cores=1) for _ in range(2))
+    one, untouched = (make(env.FootstepVectorEnv, 2, noise=True) for _ in range(2))
     for envs in (one, untouched):
         envs.reset(seed=8)
     for wrong in (np.full(shape, math.nan), np.full(shape, math.inf), np.zeros(shape)[None], 0.5):
@@ -307,7 +333,7 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
 @BOTH
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
     goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
-    world, robots = make(env.FootstepWorld, 4, sim, noise=True, cores=1), np.arange(4)
+    world, robots = make(env.FootstepWorld, 4, sim, noise=True), np.arange(4)
     world.reset(robots, [default_rng(i) for i in robots], goals)
     for _ in range(12):
         before, last = robot_model.relative(world.pose, goals), world.actions[:, 0].copy()
@@ -496,11 +522,11 @@ def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
 
 @BOTH
 def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, monkeypatch, sim):
-    envs, fell = make(env.FootstepVectorEnv, 3, sim, noise=True, cores=1), np.zeros(3, bool)
+    envs, fell = make(env.FootstepVectorEnv, 3, sim, noise=True), np.zeros(3, bool)
     world, rng, settings = envs.world, default_rng(0), {"goals": [[2.0, 0, 0]] * 3}
 
-    def follows(robots, trajectory):  # exactly the plan
-        trunk = trajectory.trunk[..., [0, 1, 5]]
+    def follows(robots, plan, disturbance):  # exactly the plan
+        trunk = plan.trunk[..., [0, 1, 5]]
         way = robot_model.relative(trunk[:, 0], trunk[:, -1])
         return motion(robot_model.compose(world.pose, way), fell)
 
@@ -521,10 +547,10 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
 
 def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1):
     """Pushes [N] and errors of the gyro [rad/s] of n robots, [steps, n, T, 2] each; the world."""
-    world, told, robots = make(env.FootstepWorld, n, sim, True, push, cores=1), [], np.arange(n)
+    world, told, robots = make(env.FootstepWorld, n, sim, True, push), [], np.arange(n)
 
-    def run(robots, trajectory):
-        told.append(trajectory)
+    def run(robots, plan, disturbance):
+        told.append(disturbance)
         return motion(np.zeros((len(robots), 3)), [False] * len(robots))
 
     monkeypatch.setattr(world.simulator, "run", run)
@@ -615,9 +641,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
     def drawn(first=None, last=None, goals=None, count=3, push=0.4, **settings):
         """What is drawn for the first robot in two episodes, [2, ...] by name."""
         task, robots = replace(TASK, push_every=0.7), np.arange(count)
-        world = make(
-            env.FootstepWorld, count, noise=True, push=push, task=task, cores=1, **settings
-        )
+        world = make(env.FootstepWorld, count, noise=True, push=push, task=task, **settings)
         rngs, episodes = [env.stream("training", 6, i) for i in robots], []
         for _ in range(2):
             world.reset(robots, rngs, goals)
@@ -630,7 +654,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
             seen["noise of the IMU"] = view.observation[:, 20:].copy()
             seen |= {name: all.copy() for name, all in vars(world.simulator.body).items()}
             world.step(
-                [WILD] * count, robots, lambda plan, _, to=seen: to.update(push=plan.push.copy())
+                [WILD] * count, robots, lambda told, _, to=seen: to.update(push=told.push.copy())
             )
             episodes.append({name: values[0] for name, values in seen.items()})
             if last:
@@ -654,7 +678,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
     """Ground, body, pose and goal differ, and all the rest is alike: so must be the views."""
     goals, views = np.array([[0.4, -0.1, 0.5]] * 3), []
     for seed, far in ((0, 0.0), (1, 5.0)):
-        world = make(env.FootstepWorld, 3, cores=1)
+        world = make(env.FootstepWorld, 3)
         world.reset(np.arange(3), [env.stream("training", seed, i) for i in range(3)])
         world.pose += far
         world.set_goal(np.arange(3), robot_model.compose(world.pose, goals))  # as seen, the same
@@ -671,7 +695,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
 
 
 def test_another_goal_amid_a_walk_is_a_new_one(make):
-    world, one = make(env.FootstepWorld, 2, noise=True, cores=1), [1]
+    world, one = make(env.FootstepWorld, 2, noise=True), [1]
     world.reset(np.arange(2), goals=[[0.0, 0.0, 0.0]] * 2)
     world.look(one)
     neutral = world.neutral_action[None]
@@ -701,7 +725,7 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     settings = dict(CHANGES[change])
     if "walk" in settings:
         settings["walk"] = replace(walk_engine.TUNED[sim], **settings["walk"])
-    world, robots = make(env.FootstepWorld, 4, sim, cores=1, **settings), np.arange(4)
+    world, robots = make(env.FootstepWorld, 4, sim, **settings), np.arange(4)
     world.reset(robots, [env.stream("training", 1, i) for i in robots], [[0.5, 0.1, 0.3]] * 4)
     for _ in range(4):
         result = world.step(env.hand_written(world.look(robots).goal, world.limits), robots)
@@ -710,20 +734,60 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     make(gym.make, "Footsteps-v0", sim=sim, **settings).reset()
 
 
-@pytest.mark.parametrize("kind, wrong", [
-    (env.Spread, {"mass": 1.0}), (env.Spread, {"delay": 2}), (env.Spread, {"gyro": math.nan}),
-    (env.Task, {"time_limit": 0.0}),
-    (partial(replace, walk_engine.TUNED["mujoco"]), {"half_ticks": 0}),
-    (robot_model.RobotModel, {"torque_limit": (1.0, math.nan)}),
-    (partial(replace, ROBOT.foot), {"mass": 0.0}),
-    (partial(replace, ROBOT.foot), {"com": (0, math.nan, 0)}),
-    (env.FootstepWorld, {"num_robots": 0}), (env.FootstepEnv, {"sim": "bullet"}),
-    (env.FootstepEnv, {"spread": env.Spread(blocks=0.01)}),
-    (env.FootstepEnv, {"push": math.nan}),
-], ids=str)  # fmt: skip
-def test_impossible_numbers_are_one_line(kind, wrong):
-    with pytest.raises(ValueError, match=r"\A.+\Z"):
-        kind(**wrong)
+WALK = walk_engine.TUNED["pymunk"]
+IMPOSSIBLE = {  # settings of a world, by the name that the message must hold
+    "mass=1.0": {"spread": env.Spread(mass=1.0)},
+    "delay=2": {"spread": env.Spread(delay=2)},
+    "gyro": {"spread": env.Spread(gyro=math.nan)},
+    "time_limit": {"task": env.Task(time_limit=0.0)},
+    "push_every": {"task": env.Task(push_every=0.0)},
+    "near_m": {"task": env.Task(near_m=0.0)},
+    "noise_m": {"task": env.Task(noise_m=-0.1)},
+    "half_ticks": {"walk": replace(WALK, half_ticks=0)},
+    "reflex": {"walk": replace(WALK, reflex=-0.05)},
+    "trunk_phase": {"walk": replace(WALK, trunk_phase=math.nan)},
+    "torque_limit": {"robot": replace(ROBOT, torque_limit=(1.0, math.nan))},
+    "friction": {"robot": replace(ROBOT, friction=-0.1)},
+    "Link: mass": {"robot": replace(ROBOT, foot=replace(ROBOT.foot, mass=0.0))},
+    "Link: com": {"robot": replace(ROBOT, foot=replace(ROBOT.foot, com=(0, math.nan, 0)))},
+    "high": {"limits": env.StepLimits((-0.1, 0, -0.3), (-0.2, 0.1, 0.3))},
+    "low": {"limits": env.StepLimits((-0.1, math.inf, -0.3), (0.2, 0.1, 0.3))},
+    "shape (3,)": {"limits": env.StepLimits((-0.1, 0), (0.2, 0.1))},
+    "drift": {"drift": (0.01, 0.01)},
+    "drift (0.01, -0.01, 0.1)": {"drift": (0.01, -0.01, 0.1)},
+    "push": {"push": -1.0},
+    "push must be finite": {"push": math.nan},
+    "at least 1": {"num_robots": 0},
+    "'bullet'": {"sim": "bullet"},
+}
+
+
+@pytest.mark.parametrize("name", IMPOSSIBLE)
+def test_impossible_settings_are_one_line_when_a_world_is_made(name):
+    with pytest.raises(ValueError, match=r"\A.+\Z") as caught:
+        env.FootstepWorld(**{"num_robots": 1, **IMPOSSIBLE[name]})
+    assert name in str(caught.value), "say which setting it is"
+
+
+def test_an_impossible_body_is_one_line(make):
+    world = make(env.FootstepWorld, 1)
+    body = robot_model.Body.as_model(ROBOT, 1)
+    with pytest.raises(ValueError, match="Body: stiction"):
+        world.simulator.reset([0], replace(body, stiction=-body.mass))
+
+
+def test_limits_may_leave_no_choice(make):
+    """A natural experiment: no sideways steps at all."""
+    world = make(env.FootstepWorld, 2, limits=env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.3)))
+    close(world.neutral_action, 0.5, "where high = low, every action is the same: 0.5")
+    world.step(np.full((2, 6), 0.7), [0, 1])
+    assert np.isfinite(world.look([0, 1]).observation).all()
+
+
+def test_a_time_limit_below_a_double_step_ends_an_episode_with_its_first(make):
+    envs = make(env.FootstepVectorEnv, 2, staggered=True, task=replace(TASK, time_limit=0.3))
+    envs.reset(seed=0)
+    assert envs.step(np.full((2, 6), 0.5))[3].all()
 
 
 def test_a_misspelt_setting_or_option_is_an_error(make):
@@ -754,7 +818,7 @@ IN, OUT, FALL = "inside", "outside", "falls, inside"
     ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value),
 )
 def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
-    world, robots = make(env.FootstepWorld, 3, cores=1), [2, 0]
+    world, robots = make(env.FootstepWorld, 3), [2, 0]
     # It starts at its goal, which does not count as having been there.
     poses = {IN: [0, 0, 0], OUT: [0.2, 0, 0], FALL: [0, 0, 0]}
     for repeat in range(2):  # the second time: nothing is left of the first episode
@@ -811,7 +875,7 @@ def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, y
 @BOTH
 @pytest.mark.parametrize("limit", [TASK.time_limit, 3.0])
 def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, limit):
-    envs = make(env.FootstepVectorEnv, 5, sim, cores=1, task=replace(TASK, time_limit=limit))
+    envs = make(env.FootstepVectorEnv, 5, sim, task=replace(TASK, time_limit=limit))
     whole = math.floor(limit / envs.world.engine.period + 1e-9)  # double steps that fit into it
     away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     # Where the last two double steps end, and how the episode does; robot 0 has one more
@@ -837,9 +901,9 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
 
 def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make, monkeypatch):
     settings = {"task": replace(TASK, time_limit=7.0, goal_std_m=1e4, far_std_m=1e4)}
-    envs = make(env.FootstepVectorEnv, 8, cores=1, staggered=True, **settings)
+    envs = make(env.FootstepVectorEnv, 8, staggered=True, **settings)
     there = motion(np.zeros((8, 3)), [False] * 8)
-    monkeypatch.setattr(envs.world.simulator, "run", lambda robots, trajectory: there)
+    monkeypatch.setattr(envs.world.simulator, "run", lambda robots, plan, disturbance: there)
     envs.reset(seed=1)
     whole = envs.world.max_steps
     ends = np.array([envs.step(np.full((8, 6), 0.5))[3] for _ in range(3 * whole)])  # [K, 8]

@@ -61,15 +61,15 @@ def reflex(sim):
     def standing(gain, steps, force):
         rng = np.random.default_rng(1)  # the same errors and pushes for every gain
 
-        def disturb(plan, robots):
-            _, ticks, _ = plan.gyro_error.shape
+        def disturb(disturbance, robots):
+            _, ticks, _ = disturbance.gyro_error.shape
             noise = rng.normal(size=(96, ticks, 2))
-            plan.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
+            disturbance.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
             last = ticks - walk_engine.PUSH_TICKS  # tick at which a push can begin
             first, way = rng.integers(last + 1, size=96), rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
                 push = force * np.cos(way[i]), force * np.sin(way[i])
-                plan.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push
+                disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push
 
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
         _, _, fall = walk_engine.walk_plans(sim, parameters, steps, bodies, disturb)

@@ -15,6 +15,7 @@ import ablations
 import baseline
 import common
 import kicks
+import mujoco
 import numpy as np
 import obstacles
 import pytest
@@ -26,11 +27,6 @@ from test_01_robot_model import mujoco_at  # pytest asserts in it, too
 robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
 ROBOT, LIMITS = robot_model.RobotModel(), env.LIMITS["pymunk"]
-
-
-@pytest.fixture(autouse=True)
-def one_process(monkeypatch):
-    monkeypatch.setattr(robot_model, "CORES", 1)
 
 
 @pytest.mark.parametrize("name", common.STUDIES)
@@ -136,12 +132,31 @@ def test_soles_are_where_mujoco_has_them():
             close(lowest[foot], placed[:, 2].min(), "the lowest corner")
 
 
+def test_blocks_are_as_high_as_drawn_and_flat_where_the_robots_stand():
+    with common.world("mujoco", kicks.Blocks, 2, highest=0.01) as world:
+        rngs = [env.stream("training", i) for i in range(2)]
+        world.reset(np.arange(2), rngs)
+        found = []
+        for model in world.simulator.models:
+            data, hit = mujoco.MjData(model), np.zeros(1, np.int32)
+            mujoco.mj_forward(model, data)
+            # Rays from 1 m above, downward, beside the robot: heights of the floor
+            places = [[x, 0.5, 1.0] for x in np.arange(-3, 3, 0.05)] + [[0.15, 0.15, 1.0]]
+            down = np.array([0, 0, -1.0])
+            rays = [mujoco.mj_ray(model, data, np.array(p), down, None, 1, 1, hit) for p in places]
+            found.append(1 - np.array(rays))
+    for *heights, stands in found:
+        assert stands == pytest.approx(0, abs=1e-6), "where it stands it is flat"
+        assert 0 <= min(heights) < 0.002 and 0.008 < max(heights) <= 0.01, "from 0 to the highest"
+    assert np.abs(found[0] - found[1]).max() > 0.003, "every robot has a floor of its own"
+
+
 def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
     """A robot that follows its plan, but 4 mm too high and drifting 1 mm ahead per tick."""
     p = walk_engine.TUNED["mujoco"]
     p = replace(p, half_ticks=30, double_support=1 / 3, foot_rise=0.04)  # 20 of 30 ticks swing
     engine = walk_engine.WalkEngine(1, p)
-    plan, _ = engine.plan([[[0.08, 0, 0], [0.08, 0, 0]]], [0])
+    plan = engine.plan([[[0.08, 0, 0], [0.08, 0, 0]]], [0])
     torso = plan.trunk[:, 1:].copy()
     torso[..., 0] += 0.001 * np.arange(torso.shape[1])
     torso[..., 2] += 0.004

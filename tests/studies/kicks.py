@@ -48,12 +48,30 @@ def study_pushes(args):
     return {"rows": rows}
 
 
+class Blocks(env.FootstepWorld):
+    """A floor of blocks 0.2 m wide, up to 4 m from the origin, with random heights from 0 to
+    `highest` [m]; where the robots stand at first it is flat."""
+
+    def __init__(self, num_robots, *args, highest, **settings):
+        self.highest = highest
+        super().__init__(num_robots, *args, **settings)
+
+    def reset(self, robots, *args, **more):
+        super().reset(robots, *args, **more)
+        for i, rng in zip(robots, self.rngs[robots, env.WORLD]):
+            heights = rng.uniform(0, self.highest, (40, 40))
+            heights[19:21, 19:21] = 0
+            model = self.simulator.models[i]  # its own since the reset, as it got a Body
+            model.hfield_data = np.kron(heights, np.ones((4, 4))).ravel()  # 4 samples each
+            model.geom("blocks").pos = 0
+
+
 def study_blocks(args):
     """Everybody on uneven ground, which nobody has met in a training."""
     rows = []
     for height in BLOCKS:
-        spread = env.Spread(blocks=height)
-        rows += [{"blocks": height, **row} for row in everybody(args.sim, FEW, spread=spread)]
+        found = everybody(args.sim, FEW, kind=Blocks, highest=height)
+        rows += [{"blocks": height, **row} for row in found]
     return {"rows": rows}
 
 

@@ -216,7 +216,7 @@ def plot(found, sim):
     camera = robot_model.camera_at(-90, 90)
     for axes, (field, walk) in zip(grid, recorded(sim, SHOWN)):
         draw_discs(axes, field, camera)
-        evaluate.draw_way(axes, walk["goal"], walk["feet"], camera)
+        robot_model.draw_way(axes, robot_model.RobotModel(), walk["goal"], walk["feet"], camera)
         axes.plot(*walk["torso"][:, :2].T, "k", lw=1)
         title = f"{walk['ending']}; shortest way {field.length:.1f} m"
         axes.set(title=title, aspect="equal", xlabel="x [m]", ylabel="y [m]")
@@ -232,6 +232,7 @@ def study_film(args):
     ((field, walk),) = recorded(args.sim, SHOWN[:1])
     camera = robot_model.camera_at()
     evaluate.plot_race(
+        robot_model.RobotModel(),
         {"policy": walk},
         args.out / "obstacles.gif",
         more=lambda axes: draw_discs(axes, field, camera),

@@ -47,13 +47,9 @@ def displacements(sim, steps):
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
     n, spread = len(plans), env.Spread()
-    body = robot_model.Body(
-        friction=np.full(n, robot_model.RobotModel().friction),
-        mass=np.ones((n, 9)),
-        stiffness=np.ones((n, 12)),
-        stiction=np.full((n, 12), spread.stiction / 2),
-        delay=np.repeat([0, spread.delay], len(steps)),
-    )
+    body = robot_model.Body.as_model(robot_model.RobotModel(), n)
+    body.stiction += spread.stiction / 2
+    body.delay = np.repeat([0, spread.delay], len(steps))
     poses, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body)
     moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [2·A, 4, 3]
     mean = moved.reshape(2, len(steps), 4, 3).mean((0, 2))

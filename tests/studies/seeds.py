@@ -132,7 +132,7 @@ def study_film(args):
         for title, name in {**names, "at the end": "policy"}.items():
             planner = common.policy(folder / f"{name}.pt", args.sim)
             walks[title] = next(evaluate.record(planner, world, trials))
-    evaluate.plot_race(walks, args.out.parent / "learning.gif", every=20)
+    evaluate.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
     return {title: walk["ending"] for title, walk in walks.items()}
 
 

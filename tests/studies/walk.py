@@ -44,10 +44,10 @@ def gyro_errors(rng, count):
     largest = env.Spread().gyro
     constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
 
-    def disturb(plan, robots):
+    def disturb(disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        noise = rng.normal(size=(count, *plan.gyro_error.shape[1:]))  # [count, T, 2]
-        plan.gyro_error[:] = (constant + env.Task().imu_rad_s * noise)[robots]
+        noise = rng.normal(size=(count, *disturbance.gyro_error.shape[1:]))  # [count, T, 2]
+        disturbance.gyro_error[:] = (constant + env.Task().imu_rad_s * noise)[robots]
 
     return disturb
 
@@ -133,17 +133,17 @@ def measure_drift(sim, count=1000, size=0.75):
     low, high = size * np.array(limits.low), size * np.array(limits.high)
     plans = rng.uniform(low, high, (count, len(PATTERN), 2, 3))
     body = env.Spread().draw(rng.spawn(count), robot_model.RobotModel())
-    planned, noise = np.zeros((len(PATTERN), count, 3)), gyro_errors(rng, count)
-    steps = iter(planned)
+    walk = walk_engine.TUNED[sim]
+    trunk = [np.tile([walk.trunk_x_offset, 0, 0], (count, 1))]  # as planned  [N, 3] each
 
-    def disturb(plan, robots):
-        trunk = plan.trunk[..., [0, 1, 5]]
-        next(steps)[robots] = robot_model.relative(trunk[:, 0], trunk[:, -1])
-        noise(plan, robots)
+    def watch(engine, motion):
+        trunk.append(engine.trunk[:, robot_model.GROUND, 0].copy())
 
-    poses, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body, disturb)
-    stood = fall == len(PATTERN)
-    return off_plan(planned[:, stood].swapaxes(0, 1), poses[stood])
+    gyros = gyro_errors(rng, count)
+    poses, _, fall = walk_engine.walk_plans(sim, walk, plans, body, gyros, watch)
+    stood, trunk = fall == len(PATTERN), np.stack(trunk, 1)  # [N, K + 1, 3]
+    planned = robot_model.relative(trunk[:, :-1], trunk[:, 1:])
+    return off_plan(planned[stood], poses[stood])
 
 
 def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):

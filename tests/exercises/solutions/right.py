@@ -125,7 +125,7 @@ def feedback(self, robot, tick, end, angular_velocity):
     """By einsum."""
     lean = self.trunk[..., 3:5]
     planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
-    rate = angular_velocity + self.gyro_error[:, tick] - planned
+    rate = angular_velocity - planned
     turn = np.einsum("ntf,na->ntfa", self.reflex_gain[:, tick:end], rate)
     added = np.zeros((*turn.shape[:3], 6))
     added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
@@ -136,7 +136,7 @@ def feedback(self, robot, tick, end, angular_velocity):
     """In single precision."""
     lean = self.trunk[..., 3:5]
     planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
-    rate = angular_velocity + self.gyro_error[:, tick] - planned
+    rate = angular_velocity - planned
     turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]
     added = np.zeros((*turn.shape[:3], 6), np.float32)
     added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)

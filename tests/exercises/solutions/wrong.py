@@ -203,30 +203,23 @@ def leg_inverse(robot, position, foot_turn, mistake):
 
 
 # ------------------------------------------------------------------------ stage 2
-@wrong("the wrong sign", "true rate + error of the gyro − planned rate")
+@wrong("the wrong sign", "measured rate − planned rate")
 @wrong("roll and pitch exchanged", "x to the roll, y to the pitch")
 @wrong("no planned rate", "− planned rate")
 @wrong("the planned rate of one tick", "− planned rate")
 @wrong("10 ms by heart", "another control_dt")
 @wrong("20 ms by heart", "planned rate")
-@wrong("a gyro without errors", "error of the gyro")
 @wrong("no limit", "what is ADDED is limited")
 @wrong("limits the rate", "what is ADDED is limited")
 @wrong("limited upwards only", "to either side")
 @wrong("both feet answer", "the ankle whose gain it is")
 @wrong("the swing foot answers", "the ankle whose gain it is")
 @wrong("the gain of the first tick", "whose gain it is")
-@wrong("every tick reads the gyro anew", "one reading for both ticks")
 def feedback(self, robot, tick, end, angular_velocity, mistake):
     seconds = {"10 ms by heart": 0.01, "20 ms by heart": 0.02}.get(mistake, robot.control_dt)
     ticks = 1 if mistake == "the planned rate of one tick" else end - tick
     planned = (self.trunk[:, end, 3:5] - self.trunk[:, tick, 3:5]) / (ticks * seconds)
-    error = self.gyro_error[:, [tick] * (end - tick)]  # [n, ticks, 2]
-    if mistake == "every tick reads the gyro anew":
-        error = self.gyro_error[:, tick:end]
-    elif mistake == "a gyro without errors":
-        error = 0 * error
-    rate = angular_velocity[:, None] + error
+    rate = np.repeat(angular_velocity[:, None], end - tick, 1)  # [n, ticks, 2]
     if mistake != "no planned rate":
         rate = rate - planned[:, None]
     if mistake == "the wrong sign":

@@ -20,9 +20,9 @@ if __name__ == "__main__":
     for speed in (0.2, 0.4, 0.6, 0.8):  # [m/s]
         force = robot_model.turned([walk.push_force(robot, speed), 0], ANGLE)
 
-        def push(plan, robots, force=force, double_step=count()):
+        def push(disturbance, robots, force=force, double_step=count()):
             if next(double_step) == 2:
-                plan.push[:, FIRST : FIRST + walk.PUSH_TICKS] = force
+                disturbance.push[:, FIRST : FIRST + walk.PUSH_TICKS] = force
 
         _, _, fall = walk.walk_plans("mujoco", walk.TUNED["mujoco"], steps, body, push)
         print(f"{speed} m/s: {np.mean(fall < 6):.0%} fall")
