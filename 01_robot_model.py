@@ -86,7 +86,7 @@ COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in ever
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 GROUND = [0, 1, 5]  # x, y, yaw of a torso's pose: where it stands on the floor
-READ_EVERY = 2  # [ticks] how often the gyro is read; our choice
+READ_EVERY = 2  # [ticks] how often the IMU is read; our choice
 
 
 @dataclass(frozen=True)
@@ -179,25 +179,29 @@ class Trajectory:
     joints: np.ndarray  # [n, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
 
+    @property
+    def most_ticks(self):
+        """How many ticks it takes at most; a plan of stage 2 may wait."""
+        return self.joints.shape[1] - 1
+
+    def begin(self):
+        """The robots begin to follow it."""
+
     def ended(self, tick):
         """Which robots have no command left after so many ticks, [n] bool."""
-        return np.full(len(self.joints), tick >= self.joints.shape[1] - 1)
+        return np.full(len(self.joints), tick >= self.most_ticks)
 
-    def targets(self, robot, tick, angular_velocity):
-        """What the robot's computer asks for every READ_EVERY ticks: the samples of the joint
-        targets from now on [n, ticks + 1, 12], and what is added to them [n, ticks, 12].
+    def targets(self, robot, rows, tick, tilt, angular_velocity):
+        """What the robot's computer asks for every READ_EVERY ticks, for some rows [k] of the plan:
+        the samples of the joint targets from now on [k, ticks + 1, 12], and what is added to them
+        [k, ticks, 12]. Here that is nothing (open loop); the plans of stage 2 answer what is
+        measured (closed loop).
 
-        angular_velocity [n, 2]: of the torso about its x and y axes, as the gyro measures it now
-        [rad/s].
+        tilt, angular_velocity [k, 2]: as measured now, roll and pitch of the torso [rad], and its
+        rates about its x and y axes [rad/s].
         """
-        end = min(tick + READ_EVERY, self.joints.shape[1] - 1)
-        return self.joints[:, tick : end + 1], self.feedback(robot, tick, end, angular_velocity)
-
-    def feedback(self, robot, tick, end, angular_velocity):
-        """What is added to the joint targets of the ticks from `tick` to `end`, [n, ticks, 12].
-        Here that is nothing (open loop); the plans of stage 2 have a reflex (closed loop).
-        """
-        return np.zeros((len(angular_velocity), end - tick, 12))
+        samples = self.joints[rows, tick : tick + READ_EVERY + 1]
+        return samples, np.zeros_like(samples[:, 1:])
 
 
 @dataclass
@@ -206,22 +210,24 @@ class Disturbance:
 
     push: np.ndarray  # [n, T, 2] [N] force on the torso: x, y; on the plane only ahead
     gyro_error: np.ndarray  # [n, T, 2] [rad/s] measured − true angular velocity about x and y
+    tilt_error: np.ndarray  # [n, T, 2] [rad] measured − true roll and pitch
 
     @classmethod
     def none(cls, plan):
-        """During this Trajectory nobody pushes, and the gyro is exact."""
-        n, samples, _ = plan.joints.shape
-        return cls(*np.zeros((2, n, samples - 1, 2)))
+        """During this Trajectory nobody pushes, and the IMU is exact."""
+        return cls(*np.zeros((3, len(plan.joints), plan.most_ticks, 2)))
 
 
 @dataclass
 class Motion:
-    """What physics did with n robots: at the end of each of T control ticks, or at the very end."""
+    """What physics did with n robots: at the end of each of T control ticks, or at the very end.
+    If a robot needed fewer ticks than another one, its last state is repeated."""
 
     torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [n, T, 12] measured [rad]; joints that the plane lacks: as commanded
     angular_velocity: np.ndarray  # [n, 3] of the torso about its own axes [rad/s], at the very end
     fell: np.ndarray  # [n] bool: fell at any control tick
+    ticks: np.ndarray  # [n] control ticks that it needed
 
 
 # ------------------------------------------------------------------------ poses on the ground
@@ -306,7 +312,8 @@ def leg_inverse(robot, position, foot_turn):
     4. What is left of the foot's rotation is that of the hip.
     """
     thigh, shin = robot.thigh_length, robot.shin_length
-    # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p)
+    # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p).
+    # (A row times R is the row of Rᵀ·column, as (Rᵀ·v)ᵀ = vᵀ·R.)
     rx, ry, rz = np.moveaxis((-position[..., None, :] @ foot_turn)[..., 0, :], -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
@@ -339,20 +346,22 @@ def leg_inverse(robot, position, foot_turn):
 def body_inverse(robot, trunk, feet, planar=False):
     """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
 
-    trunk [..., 6]: x, y, z, roll, pitch, yaw; feet [..., 2, 4]: x, y, z of the point of the sole
-    below the ankle, yaw.
+    trunk [..., 6]: x, y, z, roll, pitch, yaw (or [..., 2, 6]: another one for each leg); feet
+    [..., 2, 4]: x, y, z of the point of the sole below the ankle, yaw.
     """
+    if trunk.ndim < feet.ndim:
+        trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
     # Feet seen from a level frame at the trunk that turns with it  [..., 2] each
-    seen = relative(trunk[..., None, GROUND], feet[..., [0, 1, 3]])
+    seen = relative(trunk[..., GROUND], feet[..., [0, 1, 3]])
     x, y, yaw = np.moveaxis(seen, -1, 0)
     if planar:
         y[:] = robot.hips[:, 1]
         yaw[:] = 0.0
-    height = feet[..., 2] + robot.ankle_height - trunk[..., None, 2]  # ankle above trunk
+    height = feet[..., 2] + robot.ankle_height - trunk[..., 2]  # ankle above trunk
     ankle = np.stack([x, y, height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
-    roll, pitch = trunk[..., None, 3], trunk[..., None, 4]  # [..., 1], the same for both feet
-    lean = rotation(roll, pitch, 0 * roll)  # [..., 1, 3, 3]
+    roll, pitch = trunk[..., 3], trunk[..., 4]  # [..., 1 or 2]
+    lean = rotation(roll, pitch, 0 * roll)  # [..., 1 or 2, 3, 3]
     zero = np.zeros_like(height)
     ankle = (ankle[..., None, :] @ lean)[..., 0, :]
     foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, yaw)
@@ -491,15 +500,17 @@ def main():
 # ======================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the control loop
 class Simulator:
-    """N robots, and the computer that every robot carries: it reads the gyro, asks the plan for
+    """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
     joint targets, and hands them to the motors. A kind of physics is a class that adds
 
         place(robots, body)             these robots stand at the origin; body: None, as before
-        gyro(robots)                    angular velocity of the torso about its x and y, [n, 2]
+        imu(robots)                     the torso's roll and pitch [n, 2] [rad], and its rates about
+                                        x and y [n, 2] [rad/s]
         advance(robots, targets, push)  some ticks of physics: states [n, ticks, …]; it keeps
                                         `state` [N, …], that of now
-        motion(robots, plan, states)    of [n, T + 1, …]: torso [n, T, 6], joints [n, T, 12], the
-                                        last angular velocity [n, 3], who diverged [n]
+        motion(robots, plan, states, ticks)
+                                        of states [n, T + 1, …]: torso [n, T, 6], joints [n, T, 12],
+                                        the last angular velocity [n, 3], who diverged [n]
         close()                         if it has something to end
 
     where targets [n, ticks, 2, 12] are joint targets [rad] and their rates [rad/s], and push
@@ -526,23 +537,32 @@ class Simulator:
 
     def run(self, robots, plan, disturbance=None):
         """Let these robots [n] follow their plan, a Trajectory; returns their Motion."""
+        robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
-        states, tick = [self.state[robots][:, None]], 0
-        while not plan.ended(tick).all():
-            measured = self.gyro(robots) + disturbance.gyro_error[:, tick]
-            samples, added = plan.targets(self.robot, tick, measured)
-            rates = np.diff(samples, axis=1) / self.robot.control_dt  # [n, ticks, 12] [rad/s]
-            end = tick + rates.shape[1]
+        plan.begin()
+        states, tick, ticks = [self.state[robots][:, None]], 0, np.zeros(len(robots), int)
+        while not (ended := plan.ended(tick)).all():
+            rows = np.flatnonzero(~ended)  # [k] who is still on the way
+            on = robots[rows]
+            tilt, rates = self.imu(on)
+            tilt = tilt + disturbance.tilt_error[rows, tick]
+            rates = rates + disturbance.gyro_error[rows, tick]
+            samples, added = plan.targets(self.robot, rows, tick, tilt, rates)
+            speeds = np.diff(samples, axis=1) / self.robot.control_dt  # [k, ticks, 12] [rad/s]
+            end = tick + speeds.shape[1]
             angles = samples[:, self.LEAD :][:, : end - tick] + added
-            now = np.stack([angles, rates], 2)  # [n, ticks, 2, 12]
-            late = np.concatenate([self.last[robots][:, None], now[:, :-1]], 1)  # by a tick
-            self.last[robots] = now[:, -1]
-            sent = np.where(self.delay[robots, None, None, None], late, now)
-            states.append(self.advance(robots, sent, disturbance.push[:, tick:end]))
-            tick = end
-        torso, joints, angular_velocity, lost = self.motion(robots, plan, np.concatenate(states, 1))
+            now = np.stack([angles, speeds], 2)  # [k, ticks, 2, 12]
+            late = np.concatenate([self.last[on][:, None], now[:, :-1]], 1)  # by a tick
+            self.last[on] = now[:, -1]
+            sent = np.where(self.delay[on, None, None, None], late, now)
+            part = np.repeat(states[-1][:, -1:], end - tick, 1)  # who has ended stays as it is
+            part[rows] = self.advance(on, sent, disturbance.push[rows, tick:end])
+            states.append(part)
+            ticks[rows] = tick = end
+        states = np.concatenate(states, 1)  # [n, T + 1, …]
+        torso, joints, angular_velocity, lost = self.motion(robots, plan, states, ticks)
         fell = fallen(torso, self.standing[0][2]).any(1) | lost
-        return Motion(torso, joints, angular_velocity, fell)
+        return Motion(torso, joints, angular_velocity, fell, ticks)
 
     def close(self):
         """It has nothing to end."""
@@ -730,9 +750,10 @@ class MujocoSim(Simulator):
             model.dof_frictionloss[6:] = body.stiction[row]
             mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
-    def gyro(self, robots):
+    def imu(self, robots):
         """See `Simulator`."""
-        return self.state[robots][:, self.OMEGA][:, :2]
+        state = self.state[robots]
+        return euler(state[:, self.TURN])[:, :2], state[:, self.OMEGA][:, :2]
 
     def advance(self, robots, targets, push):
         """See `Simulator`."""
@@ -754,11 +775,11 @@ class MujocoSim(Simulator):
         self.state[robots] = states[:, -1]
         return states[:, substeps - 1 :: substeps]
 
-    def motion(self, robots, plan, states):
+    def motion(self, robots, plan, states, ticks):
         """See `Simulator`."""
         # MuJoCo checks every step: a state that is not finite, or huge, goes back to the start, at
         # time 0, so that it ends too early. We count this as a fall.
-        seconds = (states.shape[1] - 1) * self.robot.control_dt
+        seconds = ticks * self.robot.control_dt  # [n]
         lost = states[:, -1, self.TIME] < states[:, 0, self.TIME] + seconds - 1e-6
         states[lost] = states[lost, :1]
         self.state[robots] = states[:, -1]
@@ -906,9 +927,9 @@ class PymunkSim(Simulator):
         pitch = states[..., 3:]
         return pitch[..., 1:] - pitch[..., self.PARENT]
 
-    def gyro(self, robots):
+    def imu(self, robots):
         """See `Simulator`; the plane has no roll."""
-        return self.state[robots, 2:3] * [0, 1]
+        return self.state[robots, 3:4] * [0, 1], self.state[robots, 2:3] * [0, 1]
 
     def advance(self, robots, targets, push):
         """See `Simulator`. A motor that only followed the error would lag behind a moving target:
@@ -937,8 +958,8 @@ class PymunkSim(Simulator):
             self.state[robots] = states[:, t]
         return states
 
-    def motion(self, robots, plan, states):
-        """See `Simulator`."""
+    def motion(self, robots, plan, states, ticks):
+        """See `Simulator`. (No plan waits on the plane: all robots need the same ticks.)"""
         trunk = plan.trunk[..., GROUND]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]

@@ -2,8 +2,8 @@
 
 Paper: the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for the
 swing foot and the trunk, analytic inverse kinematics; parameters found by optimisation. Ours is the
-reflex, which the paper names as future work: within a double step the ankle of the support foot
-answers the gyro (`WalkPlan.feedback`).
+answers to what the IMU measures within a double step, which the paper names as future work: a
+reflex of the ankles, steps that land where the robot leans, and steps that wait (`WalkPlan`).
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
@@ -47,11 +47,12 @@ centre of mass sways less than `trunk_swing` says, as the legs stay behind, and 
 `trunk_roll`. And the foot is no point: it may press anywhere on its sole. On the plane nothing
 sways, as the planar robot cannot fall sideways.
 
-Left out: stairs; steps that answer a push (only the ankles do).
+Left out: stairs.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
 
+import math
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -80,6 +81,13 @@ class WalkParameters:
     pitch_per_step: float  # [rad/m] lean added per metre of a single step
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
+    # How a double step answers the trunk's lean; ours. The two gains are 0: it does not.
+    capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
+    usual_lean: float = 0.04  # [rad] a lean of walks that nobody pushes, not answered
+    fade: float = 0.03  # [-] share of a standing foot's answer that goes with every reading
+    wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
+    late_lean: float = 0.06  # [rad] lean over the support foot from which on it slows down
+    longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
 # Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
@@ -146,31 +154,128 @@ def polynomial(c, t, order=0):
     return np.polynomial.polynomial.polyval(t, derived)
 
 
-# ------------------------------------------------------------------------ the reflex
+# ------------------------------------------------------------------------ answers to a push
+def capture_step(error, over, swings, old, p):
+    """Where the feet answer a lean: [n, 2, 3] for the left and the right foot, by how much it lands
+    farther to the left [m], and by how much its leg takes the trunk to lean more than planned, roll
+    and pitch [rad].
+
+    error [n, 2]: measured − planned roll and pitch [rad]; over [n]: the lean of it over the support
+    foot [rad]; swings [n, 2] bool: left, right foot; old [n, 2, 3]: the answer of the last reading.
+
+    A push makes the robot lean as a whole, by e more than planned. Its mass, at the height h, is
+    then h·e from where it should be. The swing leg takes the trunk to lean as measured: so the sole
+    stays level, and as the whole leg is h·e aside, the foot lands h·e farther on the side to which
+    the robot leans. If this is the side of the support foot, the feet would come close. Then the
+    foot lands beside the support foot, as planned: it is moved back by h·e.
+    """
+    # Every walk leans a little: only what is beyond ± usual_lean counts.
+    e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
+    back = p.trunk_height * e[:, 0] * (over > 0)  # [n] h·e; a positive roll leans to the right
+    wanted = np.column_stack([back, e])[:, None]  # [n, 1, 3]
+    # A swing foot goes half of the way at every reading, as the tilt is noisy. While a foot stands
+    # its answer fades, slowly: a quick way back would throw the robot.
+    return np.where(swings[..., None], (old + wanted) / 2, (1 - p.fade) * old)
+
+
+def waiting_pace(over, p):
+    """When the next foot comes down: the share of a tick by which the plan goes on in a tick, [n],
+    for leans over the support foot [n] [rad].
+
+    Let y be how far outward of the ankle the mass is, and c how far outward the point of the sole is
+    that bears it. The pendulum of the head of this file is ÿ = ω²·(y − c), ω = √(g/h). In terms of
+    the capture point ξ = y + ẏ/ω it is ξ̇ = ω·(ξ − c): the distance from c grows as e^(ωt). So if ξ
+    is beyond the sole's edge, at most 6 cm outward, no waiting helps. If it is not, the mass comes
+    back. But until ξ = −b, where the other foot takes over, it needs
+
+        t = ln((c + b) / (c − ξ)) / ω
+
+    With ω = 5.2/s, c = 6 cm and b = 13 cm a single step, 0.31 s, suffices for ξ = 2 cm; for ξ = 4 cm
+    it takes 0.43 s. A robot that does not wait puts the other foot down while its mass is still
+    above this one.
+    """
+    # pace = 1 − wait·(over − late_lean), from 0 to 1
+    return np.clip(1 - p.wait * (over - p.late_lean), 0, 1)
+
+
 @dataclass
 class WalkPlan(robot_model.Trajectory):
-    """A planned double step, and the reflex that keeps the robot upright meanwhile.
+    """A planned double step, and how it answers what the IMU measures meanwhile.
 
     In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
-    ankle strategy). It closes a loop within the double step; the footsteps are open loop.
+    ankle strategy), of its tilt to the landing place (a capture step) and to the timing of the step.
+    All of it closes a loop within the double step. With reflex, capture and wait at 0 it is the open
+    loop of the paper.
     """
 
-    feet: np.ndarray  # [N, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
-    reflex_gain: np.ndarray  # [N, T, 2] [s] left, right ankle; 0 while the foot swings
+    feet: np.ndarray  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
+    reflex_gain: np.ndarray  # [n, T, 2] [s] left, right ankle; 0 while the foot swings
+    walk: WalkParameters
+    planar: bool
+    answer: np.ndarray  # [N, 2, 3] of `capture_step`, the engine's: the next plan goes on with it
+    robots: np.ndarray  # [n] whose rows of `answer` are meant
 
-    def feedback(self, robot, tick, end, angular_velocity):
-        """What the gyro adds to the joint targets of the ticks `tick` to `end`, [n, ticks, 12].
+    def begin(self):
+        """See `Trajectory`."""
+        self.phase = np.zeros(len(self.joints))  # [n] [ticks] how far it has come, with a fraction
 
-        angular_velocity [n, 2]: of the torso about its x and y axes, as the gyro measures it at the
-        first of these ticks [rad/s]. If the torso turns forward faster than planned, the toes of the support
-        foot are turned down: they press on the ground, which brakes the turn.
+    @property
+    def longest(self):
+        """How many ticks it may be late, an even number."""
+        return 2 * math.ceil(self.walk.longest_wait_ticks / 2) if self.walk.wait else 0
+
+    @property
+    def most_ticks(self):
+        """How many ticks it takes at most."""
+        return super().most_ticks + self.longest
+
+    def ended(self, tick):
+        """Which robots have come to its end, [n] bool."""
+        return self.phase >= self.reflex_gain.shape[1]
+
+    def targets(self, robot, rows, tick, tilt, angular_velocity):
+        """See `Trajectory`."""
+        p, last = self.walk, self.reflex_gain.shape[1]
+        now = np.rint(self.phase[rows]).astype(int)  # [k] sample of the plan
+        error = tilt - self.trunk[rows, now, 3:5]  # [k, 2] roll, pitch [rad]
+        swings = (now[:, None] >= last // 2) == [False, True]  # [k, 2] first the left foot
+        over = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k] a positive roll: to the right
+        steps = np.arange(min(robot_model.READ_EVERY, self.most_ticks - tick) + 1)
+        phases = self.phase[rows, None] + waiting_pace(over, p)[:, None] * steps  # [k, 3]
+        phases = np.clip(phases, tick + steps - self.longest, last)
+        self.phase[rows] = phases[:, -1]
+        at = np.rint(phases).astype(int)  # [k, 3] samples of the plan: now, and after each tick
+        added = self.feedback(robot, rows, at, angular_velocity)
+        if not p.capture:
+            return self.joints[rows[:, None], at], added
+        who = self.robots[rows]
+        answer = capture_step(error, over, swings, self.answer[who], p)  # [k, 2, 3]
+        self.answer[who] = answer
+        trunk = self.trunk[rows[:, None], at][:, :, None].repeat(2, 2)  # [k, 3, 2, 6] of each leg
+        trunk[..., 3:5] += answer[:, None, :, 1:]
+        feet = self.feet[rows[:, None], at]  # [k, 3, 2, 4]
+        aside = np.stack([0 * answer[..., 0], answer[..., 0]], -1)[:, None]  # [k, 1, 2, 2] x, y
+        feet[..., :2] += robot_model.turned(aside, trunk[..., 5])
+        return robot_model.body_inverse(robot, trunk, feet, self.planar), added
+
+    def feedback(self, robot, rows, at, angular_velocity):
+        """The reflex: what is added to the joint targets of the next ticks, [k, ticks, 12], for
+        some rows [k] of the plan.
+
+        at [k, ticks + 1]: the samples of the plan from now on; angular_velocity [k, 2]: of the torso
+        about its x and y axes, as the gyro measures it now [rad/s]. If the torso turns forward
+        faster than planned, the toes of the support foot are turned down: they press on the ground,
+        which brakes the turn.
         """
-        # planned rate of roll and pitch: change of the trunk's lean / time  [n, 2] [rad/s]
-        lean = self.trunk[..., 3:5]
-        planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+        ticks = at.shape[1] - 1
+        # planned rate of roll and pitch: change of the trunk's lean / time  [k, 2] [rad/s]
+        lean = self.trunk[rows[:, None], at, 3:5]  # [k, ticks + 1, 2]
+        planned = (lean[:, -1] - lean[:, 0]) / (ticks * robot.control_dt)
         # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
         rate = angular_velocity - planned
-        turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]  # [n, ticks, foot, 2]
+        last = self.reflex_gain.shape[1] - 1
+        gain = self.reflex_gain[rows[:, None], np.minimum(at[:, :-1], last)]  # [k, ticks, 2]
+        turn = gain[..., None] * rate[:, None, None]  # [k, ticks, foot, 2]
         added = np.zeros((*turn.shape[:3], 6))
         added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)  # ankle roll, ankle pitch
         return added.reshape(*turn.shape[:2], 12)
@@ -192,7 +297,8 @@ class WalkEngine:
         self.robot = robot
         self.planar = planar
         self.half = p.half_ticks * robot.control_dt  # [s] a single step
-        self.period = 2 * self.half  # [s] a double step
+        self.period = 2 * self.half  # [s] a double step that does not wait
+        self.period_ticks = 2 * p.half_ticks  # [control ticks] the same
         self.stance = robot_model.stance(  # torso, joints
             robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
         )
@@ -208,12 +314,14 @@ class WalkEngine:
         # Trunk [N, 6, 3]: x, y, z, roll, pitch, yaw; of each of them position, velocity,
         # acceleration. (Its height is constant.)
         self.trunk = np.zeros((num_robots, 6, 3))
+        self.answer = np.zeros((num_robots, 2, 3))  # of both feet to a push, see `capture_step`
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
         """These robots [n] stand still."""
         p = self.parameters
         self.feet[robots] = self.beside / 2
+        self.answer[robots] = 0
         self.trunk[robots] = 0
         self.trunk[robots, :, 0] = p.trunk_x_offset, 0, p.trunk_height, 0, p.trunk_pitch, 0
 
@@ -259,7 +367,8 @@ class WalkEngine:
         gain = np.zeros((len(left), 2 * half, 2))
         gain[:, :half, RIGHT] = self.parameters.reflex  # of the support foot
         gain[:, half:, LEFT] = self.parameters.reflex
-        return WalkPlan(joints, trunk, feet, gain)
+        robots, walk = np.asarray(robots), self.parameters
+        return WalkPlan(joints, trunk, feet, gain, walk, self.planar, self.answer, robots)
 
     def _knot(self, support, start, landing):
         """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].

@@ -71,7 +71,7 @@ class Task:
     s_c: float = 0.1  # [-] continuity
     s_fall: float = 20.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
-    s_time: float = 0.04  # [-] cost of a double step; ours
+    s_time: float = 0.04  # [1/period] cost of time, per usual double step; ours
 
 
 @dataclass(frozen=True)
@@ -231,12 +231,12 @@ def potentials(goal, near_m):
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
-def reward_terms(before, after, action, last_action, fall, success, task=Task()):
+def reward_terms(before, after, action, last_action, fall, success, task=Task(), periods=1):
     """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
     the reward. Costs (a fall, a double step, a change of the steps) are negative.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
+    [0, 1]; periods [n]: how long it took, 1 if the robot did not wait. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
     potential Φ (`potentials`) after the double step minus that before it. γ is the discount of
     stage 4: a reward t double steps ahead counts γᵗ times. Split the progress in two:
 
@@ -260,7 +260,7 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task())
         "r_c": task.s_c * -(change**2).sum(-1),
         "r_fall": -task.s_fall * fall,
         "r_goal": task.s_goal * success,
-        "r_time": np.full(len(before), -task.s_time),
+        "r_time": np.full(len(before), -task.s_time) * periods,
     }
 
 
@@ -305,11 +305,12 @@ def correct(goal, covariance, measured, noise):
 
 
 # ------------------------------------------------------------------------ the world
-# Random numbers: every robot has a generator. In each episode it makes six others, one for each
+# Random numbers: every robot has a generator. In each episode it makes others, one for each
 # purpose, so a planner that measures the goal twice does not change the ground:
-#     robot ─► episode ─┬► goal    ├► noise of the goal   ├► pushes
-#                       ├► world   ├► noise of the IMU    └► errors of the gyro
-GOAL, WORLD, NOISE, IMU, PUSH, GYRO = range(6)
+#     robot ─► episode ─┬► goal    ├► noise of the goal        ├► pushes
+#                       ├► world   ├► noise of the IMU when    └► errors of the gyro ─► and of the
+#                       │          │  a planner looks             tilt, within a double step
+GOAL, WORLD, NOISE, IMU, PUSH, GYRO, TILT = range(7)
 
 
 @dataclass(frozen=True)
@@ -361,11 +362,14 @@ class FootstepWorld:
             sim, num_robots, walk, robot, cores, simulate
         )
         self.close = self.simulator.close  # its threads
-        self.max_steps = int(task.time_limit / self.engine.period + 1e-9)  # that fit into the time
+        # What fits into the time: control ticks, and double steps that do not wait
+        self.max_ticks = int(task.time_limit / robot.control_dt + 1e-9)
+        self.max_steps = self.max_ticks // self.engine.period_ticks
+        self.most_steps = np.inf  # double steps of an episode at most
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
-        self.rngs = np.empty((num_robots, 6), object)  # those of the episode, a column per purpose
+        self.rngs = np.empty((num_robots, 7), object)  # those of the episode, a column per purpose
 
         def zeros(*shape):
             """A row of zeros for every robot."""
@@ -380,7 +384,8 @@ class FootstepWorld:
         self.imu = zeros(5)  # roll, pitch [rad], angular velocity [rad/s], true
         self.actions = zeros(2, 6)  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
-        self.allowed = np.zeros(num_robots, int)  # double steps of this episode at most
+        self.ticks = np.zeros(num_robots, int)  # control ticks of this episode
+        self.allowed = np.zeros(num_robots, int)  # control ticks of this episode at most
         self.was_inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
         self.reset(np.arange(num_robots))
 
@@ -395,7 +400,9 @@ class FootstepWorld:
         if rngs:
             self.rng[robots] = rngs
         # spawn returns new generators at every call, so every episode differs.
-        self.rngs[robots] = [rng.spawn(6) for rng in self.rng[robots]]
+        for i, rng in zip(robots, self.rng[robots]):
+            *others, gyro = rng.spawn(6)
+            self.rngs[i] = *others, gyro, *gyro.spawn(1)
         if goals is None:  # far with probability ½
             goals = [
                 draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
@@ -411,8 +418,8 @@ class FootstepWorld:
         self.estimate[robots] = self.pose[robots] = 0
         self.imu[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
         self.actions[robots] = self.neutral_action
-        self.steps[robots] = 0
-        self.allowed[robots] = self.max_steps
+        self.steps[robots] = self.ticks[robots] = 0
+        self.allowed[robots] = self.max_ticks
         self.set_goal(robots, goals)
 
     def set_goal(self, robots, goals):
@@ -461,21 +468,29 @@ class FootstepWorld:
         )
 
     def _disturbance(self, plan, robots):
-        """Errors of the gyro and pushes while these robots follow their plan: a Disturbance."""
+        """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
         disturbance = robot_model.Disturbance.none(plan)
+        usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
         often = self.engine.period / self.task.push_every  # chance of a push in a double step
-        for i, error, push in zip(robots, disturbance.gyro_error, disturbance.push):  # [T, 2] views
-            error[:] = self.rngs[i, GYRO].normal(
-                self.gyro_offset[i], self.task.imu_rad_s, error.shape
+        for row, i in enumerate(robots):
+            gyro, push = disturbance.gyro_error[row], disturbance.push[row]  # [T, 2] views
+            gyro[:usual] = self.rngs[i, GYRO].normal(
+                self.gyro_offset[i], self.task.imu_rad_s, (usual, 2)
             )
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
             if drawn < often:
-                first = int(when * (len(push) - ticks + 1))
+                first = int(when * (usual - ticks + 1))
                 # On the plane ahead or back, else all around.
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
+            tilt, late = disturbance.tilt_error[row], gyro[usual:]
+            tilt[:] = self.rngs[i, TILT].normal(0, self.task.imu_rad, tilt.shape)
+            tilt[:, 0] *= not self.engine.planar  # the plane has no roll
+            late[:] = self.rngs[i, TILT].normal(
+                self.gyro_offset[i], self.task.imu_rad_s, late.shape
+            )
         return disturbance
 
     def step(self, actions, robots, disturb=None):
@@ -507,20 +522,26 @@ class FootstepWorld:
         self.imu[robots] = np.hstack([motion.torso[:, -1, 3:5], motion.angular_velocity])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
+        began = self.ticks[robots]  # when this double step began
+        self.ticks[robots] += motion.ticks
+        usual = self.engine.period_ticks
+        no_time = self.ticks[robots] + usual > self.allowed[robots]  # for another one
+        no_time |= self.steps[robots] >= self.most_steps
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
         # At the goal by position and by yaw; a fall wins.
         inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
         success = inside & self.was_inside[robots]  # twice in a row
         self.was_inside[robots] = inside
-        terms = reward_terms(before, after, actions, last, fall, success, task)
+        periods = motion.ticks / usual
+        terms = reward_terms(before, after, actions, last, fall, success, task, periods)
         return {
             "success": success,
             "fall": fall,
-            "timeout": (self.steps[robots] >= self.allowed[robots]) & ~success & ~fall,
+            "timeout": no_time & ~success & ~fall,
             "inside": inside,
-            # one double step less after a success (True counts as 1)
-            "time": (self.steps[robots] - success) * self.engine.period,
+            # a success was there when this double step began
+            "time": np.where(success, began, self.ticks[robots]) * self.engine.robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
@@ -564,7 +585,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, **settings)
-        self.world.max_steps = min(self.world.max_steps, max_episode_steps or self.world.max_steps)
+        self.world.most_steps = max_episode_steps or self.world.most_steps
         self.close_extras = self.world.close  # Gymnasium calls it once, in `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
@@ -578,8 +599,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
         self._restart(self.robots, rngs, **(options or {}))
         if self.staggered:  # or all time-outs of robots that cannot walk yet would come at once
-            most = max(1, self.world.max_steps)
-            self.world.allowed -= self.np_random.integers(most, size=self.num_envs)
+            less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
+            self.world.allowed -= less * self.world.engine.period_ticks
         return self.look(self.robots), {}
 
     def _restart(self, robots, *settings, **more):

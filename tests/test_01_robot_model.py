@@ -45,8 +45,17 @@ def stance(name):
 def still(name, num_robots, seconds):
     ticks = round(seconds / ROBOT.control_dt)
     joints = np.tile(stance(name)[1], (num_robots, ticks + 1, 1))
-    trunk, feet = np.zeros((num_robots, ticks + 1, 6)), np.zeros((num_robots, ticks + 1, 2, 4))
-    return walk_engine.WalkPlan(joints, trunk, feet, np.zeros((num_robots, ticks, 2)))
+    return plan_of(name, joints, np.zeros((num_robots, ticks + 1, 6)))
+
+
+def plan_of(name, joints, trunk):
+    """A WalkPlan of these joint targets [n, T + 1, 12] and trunks [n, T + 1, 6], without a reflex."""
+    n, ticks, _ = joints[:, 1:].shape
+    feet, gain, answer = (
+        np.zeros((n, *shape)) for shape in ((ticks + 1, 2, 4), (ticks, 2), (2, 3))
+    )
+    walk, planar = walk_engine.TUNED[name], name == "pymunk"
+    return walk_engine.WalkPlan(joints, trunk, feet, gain, walk, planar, answer, np.arange(n))
 
 
 def leaning(name, angles, seconds):
@@ -71,13 +80,9 @@ def pivots_of(space):
 def part(plan, robots=slice(None), ticks=slice(None)):
     """Some robots of a plan, or the ticks between some samples of its joints."""
     start, stop, _ = ticks.indices(plan.joints.shape[1])
-    return replace(
-        plan,
-        **{
-            name: values[robots, start : stop - (name == "reflex_gain")]
-            for name, values in vars(plan).items()
-        },
-    )
+    timed = {name: vars(plan)[name][robots, start:stop] for name in ("joints", "trunk", "feet")}
+    gain = plan.reflex_gain[robots, start : stop - 1]
+    return replace(plan, **timed, reflex_gain=gain, robots=plan.robots[robots])
 
 
 def single_ticks(trajectory):
@@ -543,9 +548,9 @@ def test_the_gyro_is_read_every_second_tick(make_sim, monkeypatch, name):
     whole, piece = (make_sim(name, standing=standing) for _ in range(2))
     read = []
 
-    def silent(plan, robot, tick, end, omega):
-        read.append((tick, end, omega))
-        return np.zeros((1, end - tick, 12))
+    def silent(plan, robot, rows, at, omega):
+        read.append((at[0, 0], at[0, -1], omega))
+        return np.zeros((1, at.shape[1] - 1, 12))
 
     monkeypatch.setattr(walk_engine.WalkPlan, "feedback", silent)
     disturbance = robot_model.Disturbance.none(plans[0])
@@ -751,8 +756,8 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
     ticks, rng = plans[0].reflex_gain.shape[1], default_rng(6)
     added = np.zeros((2, ticks, 12))  # by a reflex that we make up
 
-    def made_up(self, robot, tick, end, angular_velocity):
-        return added[:, tick:end]
+    def made_up(self, robot, rows, at, angular_velocity):
+        return added[rows[:, None], at[:, :-1]]
 
     monkeypatch.setattr(walk_engine.WalkPlan, "feedback", made_up)
     for plan in plans:

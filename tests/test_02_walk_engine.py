@@ -149,14 +149,17 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
 def standing(n):
     """A WalkPlan of five ticks for n robots: nothing moves, and no foot has a reflex."""
     joints, trunk, feet = (np.zeros((n, 6, *shape)) for shape in ((12,), (6,), (2, 4)))
-    return walk_engine.WalkPlan(joints, trunk, feet, np.zeros((n, 5, 2)))
+    gain, answer, robots = np.zeros((n, 5, 2)), np.zeros((n, 2, 3)), np.arange(n)
+    walk = walk_engine.TUNED["mujoco"]
+    return walk_engine.WalkPlan(joints, trunk, feet, gain, walk, False, answer, robots)
 
 
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     plan, robot = standing(1), replace(ROBOT, control_dt=0.01)
     plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
     plan.reflex_gain[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
-    got = plan.feedback(robot, 2, 4, np.array([[0.6, 0.8]]))
+    one = np.array([0])
+    got = plan.feedback(robot, one, np.array([[2, 3, 4]]), np.array([[0.6, 0.8]]))
     assert got.shape == (1, 2, 12), "robots, ticks, joints"
     # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
     want = np.zeros((2, 12))
@@ -169,7 +172,8 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
         "ankle whose gain it is; one reading for both ticks; no other joint",
         atol=1e-7,
     )
-    got = plan.feedback(replace(ROBOT, control_dt=0.02), 2, 3, np.array([[0.6, 0.8]]))
+    slow = replace(ROBOT, control_dt=0.02)
+    got = plan.feedback(slow, one, np.array([[2, 3]]), np.array([[0.6, 0.8]]))
     close(
         got[0, 0, [5, 4]],
         [0.05 * (0.6 - 0.05), 0.05 * (0.8 + 0.1)],
@@ -182,7 +186,8 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
 def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan, limit = standing(3), walk_engine.REFLEX_LIMIT
     plan.reflex_gain[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
-    got = plan.feedback(ROBOT, 0, 2, np.array([[7, 99], [-99, 0], [1.0, 99]]))
+    at, rows = np.tile([0, 1, 2], (3, 1)), np.arange(3)
+    got = plan.feedback(ROBOT, rows, at, np.array([[7, 99], [-99, 0], [1.0, 99]]))
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
     close(
         got[..., [5, 4, 11, 10]],

@@ -30,13 +30,17 @@ def make():
         yield lambda kind, *args, **more: stack.enter_context(closing(kind(*args, **more)))
 
 
+WALK = walk_engine.TUNED["pymunk"]
+
+
 def motion(poses, fell):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says."""
     n = len(poses)
     torso = np.zeros((n, 1, 6))
     torso[:, 0, [0, 1, 5]] = poses
     torso[:, 0, 2] = 0.38
-    return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell))
+    ticks = np.full(n, 2 * WALK.half_ticks)
+    return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell), ticks)
 
 
 @BOTH
@@ -734,7 +738,6 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     make(gym.make, "Footsteps-v0", sim=sim, **settings).reset()
 
 
-WALK = walk_engine.TUNED["pymunk"]
 IMPOSSIBLE = {  # settings of a world, by the name that the message must hold
     "mass=1.0": {"spread": env.Spread(mass=1.0)},
     "delay=2": {"spread": env.Spread(delay=2)},
@@ -883,7 +886,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     second = [away, away, goal, goal, goal]
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    envs.world.steps[:] = np.subtract(whole, [3, 2, 2, 2, 2])
+    envs.world.ticks[:] = np.subtract(whole, [3, 2, 2, 2, 2]) * envs.world.engine.period_ticks
     for poses, fell in ((first, np.zeros(5, bool)), (second, want == "fall")):
         monkeypatch.setattr(envs.world.simulator, "run", lambda *_, m=motion(poses, fell), **__: m)
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
@@ -896,7 +899,7 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     counted = whole - np.isin(want, ("", "success"))
     close(infos["final_info"]["time"], counted * envs.world.engine.period)
     close(infos["final_obs"][1, 0], 1.0, "one metre was left")
-    equal(envs.world.steps, [whole - 1, 0, 0, 0, 0])
+    equal(envs.world.ticks, np.array([whole - 1, 0, 0, 0, 0]) * envs.world.engine.period_ticks)
 
 
 def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make, monkeypatch):

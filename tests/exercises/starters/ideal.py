@@ -30,18 +30,14 @@ class IdealSim(robot_model.Simulator):
     def place(self, robots, body):
         self.state[robots] = 0
 
-    def gyro(self, robots):
-        return np.zeros((len(robots), 2))
-
-    def advance(self, robots, targets, push):
-        return np.repeat(self.state[robots, None], targets.shape[1], 1)
-
-    def motion(self, robots, plan, states):
+    def run(self, robots, plan, disturbance=None):
         trunk, torso = plan.trunk[..., robot_model.GROUND], plan.trunk[:, 1:].copy()
         moved = robot_model.relative(trunk[:, :1], trunk[:, 1:])
-        torso[..., robot_model.GROUND] = robot_model.compose(states[:, 1:], moved)
+        torso[..., robot_model.GROUND] = robot_model.compose(self.state[robots, None], moved)
         self.state[robots] = torso[:, -1, robot_model.GROUND]
-        return torso, plan.joints[:, 1:], np.zeros((len(robots), 3)), np.zeros(len(robots), bool)
+        n, ticks, _ = torso.shape
+        still, fell = np.zeros((n, 3)), np.zeros(n, bool)
+        return robot_model.Motion(torso, plan.joints[:, 1:], still, fell, np.full(n, ticks))
 
 
 IDEAL = {"sim": "mujoco", "noise": True, "simulate": IdealSim, "drift": (0.001, 0.001, 0.001)}
