@@ -110,6 +110,7 @@ class RobotModel:
     foot: Link = Link(0.595, (0.006, 0.004, -0.019), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
     hip_z: float = -0.041  # [m] height of the hips in the torso frame
+    hip_x: float = 0.0  # [m] hip pitch axis ahead of the axes of hip yaw and roll
     thigh_length: float = 0.169  # [m] hip axis to knee axis
     shin_length: float = 0.170  # [m] knee axis to ankle axis
     ankle_height: float = 0.053  # [m] ankle axis above the sole
@@ -123,6 +124,10 @@ class RobotModel:
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] here no torque is left
     joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad]
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
+    # [N m s/rad] back-EMF (a turning motor is a generator, too, and brakes itself): torque limit /
+    # speed limit
+    damping: tuple = (10 / 5.76, 10 / 5.76, 10 / 5.76, 12.9 / 3.87, 10 / 5.76, 10 / 5.76)
+    stiction: tuple = (0.0,) * 6  # [N m] dry friction
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
@@ -140,12 +145,20 @@ class RobotModel:
         """Both hips in the trunk's frame, [2, 3] [m]."""
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
 
-    @property
-    def damping(self):
-        """Back-EMF of a leg's motors, an array of 6 [N m s/rad]: torque limit / speed limit. (A
-        turning motor is a generator, too, and brakes itself.)
-        """
-        return np.divide(self.torque_limit, self.speed_limit)
+
+# The public model's own numbers where `RobotModel` has estimates. (Centres of mass with the arms as
+# they are carried when it walks; of the left leg, all hip axes but that of pitch 2.3 cm behind it.)
+TEAM = RobotModel(
+    torso=Link(3.490, (-0.007, 0.0, 0.141), (0.050, 0.037, 0.025)),
+    thigh=Link(0.242, (0.0, 0.0, -0.133), (0.0008, 0.0008, 0.0003)),
+    shin=Link(0.088, (0.0, 0.0, -0.062), (0.0003, 0.0003, 0.0001)),
+    foot=Link(0.595, (-0.001, 0.004, -0.006), (0.0012, 0.0016, 0.0016)),
+    hip_x=0.0231,
+    joint_min=(-1.57, -1.6, -2.74, -0.49, -1.42, -1.4),
+    joint_max=(1.57, 1.6, 0.82, 2.51, 0.37, 1.4),
+    damping=(1.23, 1.23, 1.23, 2.92, 1.23, 1.23),
+    stiction=(2.55, 2.55, 2.55, 1.49, 2.55, 2.55),
+)
 
 
 @dataclass
@@ -158,6 +171,8 @@ class Body:
     stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
     stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
+    zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
+    com: np.ndarray  # [n, 3] [m] centre of mass of the torso, off that of the model
 
     @classmethod
     def as_model(cls, robot, n):
@@ -166,8 +181,10 @@ class Body:
             friction=np.full(n, robot.friction),
             mass=np.ones((n, 9)),
             stiffness=np.ones((n, 12)),
-            stiction=np.zeros((n, 12)),
+            stiction=np.tile(robot.stiction, (n, 2)),
             delay=np.zeros(n, int),
+            zero=np.zeros((n, 12)),
+            com=np.zeros((n, 3)),
         )
 
 
@@ -273,8 +290,8 @@ def rotation(roll, pitch, yaw):
 def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
 
-    Returns points [..., 5, 3]: hip, knee, ankle, heel, toe [m], the last two straight behind and
-    ahead of the ankle at the height of the sole; and the foot's rotation [..., 3, 3]
+    Returns points [..., 5, 3]: hip (its axis of pitch), knee, ankle, heel, toe [m], the last two
+    straight behind and ahead of the ankle at the height of the sole; and the foot's rotation [..., 3, 3]
     = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(joints, -1, 0)
@@ -283,11 +300,12 @@ def leg_points(robot, joints):
     thigh_turn = hip_turn @ rotation(zero, pitch, zero)
     shin_turn = hip_turn @ rotation(zero, pitch + knee, zero)
     foot_turn = hip_turn @ rotation(ankle_roll, pitch + knee + ankle_pitch, zero)
-    knee_point = -robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
+    hip = robot.hip_x * hip_turn[..., 0]  # the axis of hip pitch; [..., 0]: first column, x
+    knee_point = hip - robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     ankle = knee_point - robot.shin_length * shin_turn[..., 2]
     heel = ankle + foot_turn @ np.array([-robot.foot_back, 0, -robot.ankle_height])
     toe = ankle + foot_turn @ np.array([robot.foot_front, 0, -robot.ankle_height])
-    return np.stack([0 * ankle, knee_point, ankle, heel, toe], -2), foot_turn
+    return np.stack([hip, knee_point, ankle, heel, toe], -2), foot_turn
 
 
 def leg_inverse(robot, position, foot_turn):
@@ -304,41 +322,47 @@ def leg_inverse(robot, position, foot_turn):
           /
          o__ ankle
 
-    1. The length of r gives the knee (law of cosines).
-    2. The ankle's roll is the only joint between foot and shin that turns about another axis. So it
+    1. The ankle's roll is the only joint between foot and shin that turns about another axis. So it
        is the angle that brings r, given in the foot's frame, into the plane of x and z.
-    3. In that plane two angles of r are known: seen from the shin (from the triangle), and seen
-       from the foot. The ankle's pitch is their difference.
-    4. What is left of the foot's rotation is that of the hip.
+    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of the three pitches.
+    3. The length of r gives the knee (law of cosines).
+    4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
+       the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.
     """
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: r = Rᵀ·(−p).
     # (A row times R is the row of Rᵀ·column, as (Rᵀ·v)ᵀ = vᵀ·R.)
-    rx, ry, rz = np.moveaxis((-position[..., None, :] @ foot_turn)[..., 0, :], -1, 0)
+    r = (-position[..., None, :] @ foot_turn)[..., 0, :]  # [..., 3]
+    # Before the ankle rolls, r = (rx, 0, h). When the foot turns by +roll, r turns by −roll as seen
+    # from it: r = Rx(−roll)·(rx, 0, h) = (rx, h·sin roll, h·cos roll) with h > 0.
+    ankle_roll = np.arctan2(r[..., 1], r[..., 2])
+    # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
+    #     |       ·          −sin yaw·cos roll         ·       |
+    #   = |       ·           cos yaw·cos roll         ·       |
+    #     | −cos roll·sin s       sin roll       cos roll·cos s |
+    zero = np.zeros_like(ankle_roll)
+    roll_back = rotation(-ankle_roll, zero, zero)
+    M = foot_turn @ roll_back
+    yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
+    roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
+    pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
+    # So far the hip was where yaw and roll turn. The pitch turns hip_x farther ahead, along the x
+    # axis of a frame that is turned by −s before the ankle rolls: (cos s, 0, sin s).
+    ahead = np.stack([np.cos(pitches), zero, np.sin(pitches)], -1)  # [..., 3]
+    rx, ry, rz = np.moveaxis(r + robot.hip_x * (roll_back @ ahead[..., None])[..., 0], -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive.
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
-    # Before the ankle rolls, r = (rx, 0, h). When the foot turns by +roll, r turns by −roll as seen
-    # from it: r = Rx(−roll)·(rx, 0, h) = (rx, h·sin roll, h·cos roll) with h > 0.
-    ankle_roll = np.arctan2(ry, rz)
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
     # Seen from the foot, after the roll: r = (rx, 0, √(ry² + rz²))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
-    # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
-    #     |       ·          −sin yaw·cos roll         ·       |
-    #   = |       ·           cos yaw·cos roll         ·       |
-    #     | −cos roll·sin s       sin roll       cos roll·cos s |
-    zero = np.zeros_like(ankle_roll)
-    M = foot_turn @ rotation(-ankle_roll, zero, zero)
-    yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
-    roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
-    pitch = np.arctan2(-M[..., 2, 0], M[..., 2, 2]) - knee - ankle_pitch
+    pitch = pitches - knee - ankle_pitch
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
@@ -410,14 +434,20 @@ def fallen(torso, standing_height):
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
-    trunk = torso[:, :3] + rotation(*torso[:, 3:].T) @ robot.torso.com  # [K, 3]
-    # We take the centres of thigh and shin to be in their middle, so each end gets half of the
-    # mass. That of a foot is seen from the ankle. (The outward offsets of parallel feet cancel.)
+    turn = rotation(*torso[:, 3:].T)  # [K, 3, 3]
+    upper = robot.torso.mass * np.array(robot.torso.com) + robot.hip.mass * robot.hips.sum(0)
+    mass = robot.torso.mass + 2 * robot.hip.mass  # [kg] of these parts, which move together
+    # The centres of thigh and shin are on the lines between their joints, so each end gets a share
+    # of the mass. That of a foot is seen from the ankle. (The outward offsets of parallel feet
+    # cancel.)
     thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
-    parts = [robot.hip.mass + thigh / 2, (thigh + shin) / 2, shin / 2 + foot]  # [3] [kg]
+    at_knee = thigh * -robot.thigh.com[2] / robot.thigh_length
+    at_ankle = shin * -robot.shin.com[2] / robot.shin_length
+    parts = [thigh - at_knee, at_knee + shin - at_ankle, at_ankle + foot]  # [3] [kg]
     x, _, z = robot.foot.com
     legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
-    return (robot.torso.mass * trunk + legs.sum(1)) / (robot.torso.mass + 2 * sum(parts))
+    whole = mass * torso[:, :3] + turn @ upper + legs.sum(1)
+    return whole / (mass + 2 * sum(parts))
 
 
 def plot_standing(robot, standing, path):
@@ -525,14 +555,16 @@ class Simulator:
         self.robot = robot
         self.standing = standing  # torso [6], joints [12], see `stance`
         self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
+        self.zero = np.zeros((num_robots, 12))  # [rad]
         self.last = np.zeros((num_robots, 2, 12))  # joint targets of the last tick, and their rates
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin again; body: their Body, None: as before."""
         self.last[robots] = self.standing[1], np.zeros(12)
         if body is not None:
-            check(body, above_zero=("mass",))
+            check(body, above_zero=("mass",), may_be_negative=("zero", "com"))
             self.delay[robots] = body.delay
+            self.zero[robots] = body.zero
         self.place(robots, body)
 
     def run(self, robots, plan, disturbance=None):
@@ -555,6 +587,7 @@ class Simulator:
             late = np.concatenate([self.last[on][:, None], now[:, :-1]], 1)  # by a tick
             self.last[on] = now[:, -1]
             sent = np.where(self.delay[on, None, None, None], late, now)
+            sent[:, :, 0] += self.zero[on, None]
             part = np.repeat(states[-1][:, -1:], end - tick, 1)  # who has ended stays as it is
             part[rows] = self.advance(on, sent, disturbance.push[rows, tick:end])
             states.append(part)
@@ -587,13 +620,14 @@ def leg_xml(robot, leg, side):
     def joint(k):
         return (
             f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
+            f'frictionloss="{robot.stiction[k]}" '
             f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>'
         )
 
     return f"""
       <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
         {inertial(robot.hip, side)} {joint(0)} {joint(1)}
-        <body name="{leg} thigh">
+        <body name="{leg} thigh" pos="{robot.hip_x} 0 0">
           {inertial(robot.thigh, side)} {joint(2)}
           <body name="{leg} shin" pos="0 0 {-robot.thigh_length}">
             {inertial(robot.shin, side)} {joint(3)}
@@ -743,6 +777,7 @@ class MujocoSim(Simulator):
             self.models[i] = model = copy.copy(self.model)
             model.body_mass[self.parts] *= body.mass[row]
             model.body_inertia[self.parts] *= body.mass[row, :, None]
+            model.body_ipos[self.parts[0]] += body.com[row]
             model.pair_friction[:, :2] = body.friction[row]
             # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
             model.actuator_gainprm[:, 0] *= body.stiffness[row]
@@ -797,10 +832,15 @@ def planar_links(robot):
     """The seven bodies: torso with both hips' motors; left thigh, shin, foot; the right ones."""
     parts = [(robot.torso, 0.0), (robot.hip, robot.hip_z), (robot.hip, robot.hip_z)]
     mass = sum(link.mass for link, _ in parts)
-    centre = sum(link.mass * (link.com[2] + z) for link, z in parts) / mass
-    # Parallel axes: I = Σ (Iᵢ + mᵢ·zᵢ²)
-    pitch = sum(link.inertia[1] + link.mass * (link.com[2] + z - centre) ** 2 for link, z in parts)
-    torso = Link(mass, (0, 0, centre), (pitch, pitch, pitch))  # only the one about y is used
+    x = sum(link.mass * link.com[0] for link, _ in parts) / mass
+    z = sum(link.mass * (link.com[2] + height) for link, height in parts) / mass
+    # Parallel axes: I = Σ (Iᵢ + mᵢ·(zᵢ² + xᵢ²)), zᵢ and xᵢ from the common centre of mass
+    pitch = sum(
+        link.inertia[1]
+        + (link.mass * (link.com[2] + height - z) ** 2 + link.mass * (link.com[0] - x) ** 2)
+        for link, height in parts
+    )
+    torso = Link(mass, (x, 0, z), (pitch, pitch, pitch))  # only the one about y is used
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
@@ -841,6 +881,7 @@ class PymunkSim(Simulator):
         self.bodies = [None] * num_robots  # seven of each robot
         self.motors = [None] * num_robots  # six of each robot
         self.state = np.zeros((num_robots, 10))  # see `_read`
+        self.centre = np.zeros((num_robots, 2))  # x, z [m] of torso and hips, in the torso's frame
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.lost = np.zeros(num_robots, bool)  # diverged
@@ -852,6 +893,10 @@ class PymunkSim(Simulator):
         if body is not None:
             for name, values in vars(body).items():
                 getattr(self.body, name)[robots] = values
+        torso = self.links[0]
+        part = self.robot.torso.mass / torso.mass  # the hips' motors do not move with `com`
+        self.centre[robots] = torso.com[0], torso.com[2]
+        self.centre[robots] += part * self.body.com[robots][:, [0, 2]]
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
             self.spaces[i], self.bodies[i], self.motors[i] = self._build(i)
         self.pose[robots] = 0
@@ -877,7 +922,7 @@ class PymunkSim(Simulator):
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
             mass = link.mass * self.body.mass[i, self.MASS[k]]
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
-            x, _, z = link.com
+            x, z = self.centre[i] if k == 0 else (link.com[0], link.com[2])
             # pymunk counts from the centre of mass: put it at the joint, turn it, then move it to
             # where the link's (x, z) is, so that the joint comes to be at `point`.
             body.angle = -pitch
@@ -963,11 +1008,12 @@ class PymunkSim(Simulator):
         trunk = plan.trunk[..., GROUND]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
-        # The torso frame is below the centre of its body: (x, z) −= down·(sin pitch, cos pitch)
+        # The torso frame is below the centre of its body, at (down, back) in the body's axes:
+        # x −= down·sin pitch + ahead·cos pitch,   z −= down·cos pitch − ahead·sin pitch
         x, z, rate, pitch = np.moveaxis(states[..., :4], -1, 0)  # [n, T + 1] each
-        down = self.links[0].com[2]  # [m]
-        x = x - down * np.sin(pitch)
-        z = z - down * np.cos(pitch)
+        ahead, down = self.centre[robots].T[..., None]  # [n, 1] each [m]
+        x = x - (down * np.sin(pitch) + ahead * np.cos(pitch))
+        z = z - (down * np.cos(pitch) - ahead * np.sin(pitch))
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
         position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
         others = np.stack([z, 0 * z, pitch, yaw], -1)[:, 1:]  # z, roll, pitch, yaw

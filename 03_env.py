@@ -82,19 +82,27 @@ class Spread:
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
-    stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint; public model: 2.55
+    stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint
+    stiction_share: float = 0.5  # [-] ± share of that dry friction which the RobotModel has
     delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
     gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
+    zero: float = 0.0  # [rad] standard deviation of a joint's wrong zero, constant in an episode
+    com: float = 0.0  # [m] ± on x, y, z of the torso's centre of mass
 
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
         drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
+        more = [rng.spawn(1)[0] for rng in rngs]  # so that what is drawn later stays the same
+        stiction = np.tile(robot.stiction, 2)  # [12]
         return robot_model.Body(
             np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
             1 + self.mass * drawn[:, 1:10],
             1 + self.stiffness * drawn[:, 10:22],
-            self.stiction * (1 + drawn[:, 22:34]) / 2,
+            self.stiction * (1 + drawn[:, 22:34]) / 2
+            + stiction * (1 + self.stiction_share * drawn[:, 22:34]),
             self.delay * (drawn[:, 34] > 0),
+            self.zero * np.array([rng.normal(size=12) for rng in more]),
+            self.com * np.array([rng.uniform(-1, 1, 3) for rng in more]),
         )
 
 
@@ -803,7 +811,10 @@ def check_world(num_robots, sim, push, task, spread, limits, drift):
         raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
     robot_model.check(task, above_zero=("time_limit", "push_every", "near_m"))
     robot_model.check(spread)
-    if spread.mass >= 1 or spread.stiffness > 1 or spread.delay > 1:
+    if (
+        max(spread.mass, spread.stiffness, spread.stiction_share, spread.delay) > 1
+        or spread.mass == 1
+    ):
         raise ValueError(f"{spread}: the robot that is farthest from the model cannot be")
     robot_model.check(limits, may_be_negative=("low", "high"))
     low, high = checked("low", limits.low, 3), checked("high", limits.high, 3)

@@ -22,6 +22,7 @@ STEP = ROBOT.control_dt / ROBOT.substeps  # [s] of physics
 LINKS = (ROBOT.torso, *2 * (ROBOT.hip, ROBOT.thigh, ROBOT.shin, ROBOT.foot))
 MASS = sum(link.mass for link in LINKS)
 BOTH = pytest.mark.parametrize("name", ["pymunk", "mujoco"])
+ROBOTS = pytest.mark.parametrize("robot", [ROBOT, robot_model.TEAM], ids=["ours", "the team's"])
 
 
 @pytest.fixture
@@ -116,7 +117,7 @@ def rows_of(disturbance, robots):
 SPREAD = {"friction": 0.3, "mass": 0.1, "stiffness": 0.2, "stiction": 1.5}
 
 
-def bodies(count, friction=0, mass=0, stiffness=0, stiction=0, delay=0):
+def bodies(count, friction=0, mass=0, stiffness=0, stiction=0, delay=0, zero=0, com=0):
     """Robots that differ from the model by at most so much."""
     rng = default_rng(0)
     return robot_model.Body(
@@ -125,6 +126,8 @@ def bodies(count, friction=0, mass=0, stiffness=0, stiction=0, delay=0):
         stiffness=1 + stiffness * rng.uniform(-1, 1, (count, 12)),
         stiction=stiction * rng.uniform(0, 1, (count, 12)),
         delay=np.full(count, delay),
+        zero=zero * rng.normal(size=(count, 12)),
+        com=com * rng.uniform(-1, 1, (count, 3)),
     )
 
 
@@ -142,16 +145,17 @@ def quaternion(angles):
 
 
 @cache
-def nominal():
-    return robot_model.mujoco_model(ROBOT)
+def nominal(robot=ROBOT):
+    return robot_model.mujoco_model(robot)
 
 
-def mujoco_at(torso, joints):
+def mujoco_at(torso, joints, robot=ROBOT):
     """MuJoCo's model and data of a robot with this torso pose [6] and these joints [12]."""
-    data = mujoco.MjData(nominal())
+    model = nominal(robot)
+    data = mujoco.MjData(model)
     data.qpos[:3], data.qpos[3:7], data.qpos[7:] = torso[:3], quaternion(torso[3:]), joints
-    mujoco.mj_forward(nominal(), data)
-    return nominal(), data
+    mujoco.mj_forward(model, data)
+    return model, data
 
 
 def mujoco_data(sim, i=0):
@@ -215,14 +219,15 @@ def random_joints(rng, count):
     return rng.uniform(np.tile(low, 2), np.tile(high, 2), (count, 12))
 
 
-def test_forward_kinematics_equals_mujoco():
+@ROBOTS
+def test_forward_kinematics_equals_mujoco(robot):
     rng = default_rng(0)
     for joints in random_joints(rng, 50):
         torso = np.concatenate([rng.normal(size=3), rng.uniform(-1.2, 1.2, 3)])
-        model, data = mujoco_at(torso, joints)
-        points, turn = robot_model.body_points(ROBOT, torso, joints)  # [2, 5, 3], [2, 3, 3]
+        model, data = mujoco_at(torso, joints, robot)
+        points, turn = robot_model.body_points(robot, torso, joints)  # [2, 5, 3], [2, 3, 3]
         for leg, (side, sign) in enumerate((("left", 1), ("right", -1))):
-            for k, name in enumerate(("hip", "shin", "foot")):  # a body sits at its upper joint
+            for k, name in enumerate(("thigh", "shin", "foot")):  # a body sits at its upper joint
                 close(
                     points[leg, k],
                     data.body(f"{side} {name}").xpos,
@@ -247,14 +252,15 @@ def test_forward_kinematics_equals_mujoco():
                 )
 
 
-def test_centre_of_mass_is_that_of_mujoco_for_parallel_feet():
+@ROBOTS
+def test_centre_of_mass_is_that_of_mujoco_for_parallel_feet(robot):
     for joints in random_joints(default_rng(3), 20):
         joints[6:] = joints[:6]
         joints[[0, 1, 5, 6, 7, 11]] = 0
         torso = np.array([0.3, -0.2, 0.4, 0.0, 0.2, 0.0])
-        data = mujoco_at(torso, joints)[1]
-        got = robot_model.centre_of_mass(ROBOT, torso[None], joints[None])[0]
-        close(got, data.subtree_com[0], "Σ mᵢ·pᵢ / Σ mᵢ, over all nine links", atol=2e-4)
+        data = mujoco_at(torso, joints, robot)[1]
+        got = robot_model.centre_of_mass(robot, torso[None], joints[None])[0]
+        close(got, data.subtree_com[0], "Σ mᵢ·pᵢ / Σ mᵢ, over all nine links", atol=1e-9)
 
 
 def test_euler_angles_of_a_quaternion():
@@ -262,10 +268,11 @@ def test_euler_angles_of_a_quaternion():
     close(robot_model.euler([quaternion(turn) for turn in angles]), angles)
 
 
-def test_leg_inverse_undoes_forward():
+@ROBOTS
+def test_leg_inverse_undoes_forward(robot):
     joints = random_joints(default_rng(2), 500).reshape(-1, 6)
-    points, foot = robot_model.leg_points(ROBOT, joints)
-    got = robot_model.leg_inverse(ROBOT, points[:, 2], foot)
+    points, foot = robot_model.leg_points(robot, joints)
+    got = robot_model.leg_inverse(robot, points[:, 2], foot)
     assert got.shape == joints.shape, "positions [..., 3] in, joint angles [..., 6] out"
     wrong = ~np.isclose(got, joints, rtol=0, atol=1e-6).all(0)  # [6] hip 0, 1, 2; knee 3; ankle
     names = np.array(robot_model.JOINTS)
@@ -364,10 +371,12 @@ def test_soles_touch_the_ground_and_one_another_and_nothing_else_touches():
     assert touching == {*combinations(("ground", "left sole", "right sole"), 2)}
 
 
-def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_sim):
-    torso, joints = stance("pymunk")
-    model, data = mujoco_at(torso, joints)
-    bodies = planar_bodies(make_sim("pymunk").spaces[0])
+@ROBOTS
+def test_mass_its_centre_and_its_inertia_are_the_same_in_both_simulators(make_sim, robot):
+    torso, joints = standing = robot_model.stance(robot, planar=True)
+    model, data = mujoco_at(torso, joints, robot)
+    sim = make_sim("pymunk", standing=standing, robot=robot)
+    bodies = planar_bodies(sim.spaces[0])
     planar = sum(body.mass for body in bodies)
     close(planar, MASS, "are both hip motors in the planar torso?")
     centre = sum(np.array(body.position) * body.mass for body in bodies) / planar
@@ -773,6 +782,45 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
             "every target, also the last of a run, comes a tick later, with what the reflex adds",
         )
         last = plan.joints[:, -2:-1]
+
+
+@BOTH
+def test_a_joint_with_a_wrong_zero_goes_as_far_beside_its_target(make_sim, name):
+    plans, standing = walking(name, 1, [[0.06, 0, 0.1], [0.06, 0, -0.1]], 1)
+    sim, body = make_sim(name, 2, standing=standing), bodies(2)
+    body.zero[0] = default_rng(3).normal(0, 0.02, 12)
+    sim.reset([0, 1], body)
+    both = part(plans[0], [0, 0])
+    both.joints[1] += body.zero[0]
+    motion = sim.run([0, 1], both)
+    close(motion.torso[0], motion.torso[1], "a motor holds target + zero, in every tick")
+
+
+@BOTH
+def test_a_torso_s_centre_of_mass_can_be_off_the_model_s(make_sim, name):
+    torso, joints = standing = stance(name)
+    sim, body = make_sim(name, 2, standing=standing), bodies(2)
+    body.com[0] = 0.01, 0.0, 0.02
+    sim.reset([0, 1], body)
+    if name == "mujoco":
+        centres = []
+        for i in range(2):
+            data = mujoco.MjData(sim.models[i])
+            mujoco.mj_setState(
+                sim.models[i], data, sim.state[i], mujoco.mjtState.mjSTATE_FULLPHYSICS
+            )
+            mujoco.mj_forward(sim.models[i], data)
+            centres.append(data.subtree_com[0])
+        got = centres[0] - centres[1]
+    else:
+        links = [planar_bodies(space) for space in sim.spaces]
+        masses = np.array([body.mass for body in links[0]]) / MASS
+        x, z = masses @ [np.subtract(a.position, b.position) for a, b in zip(*links)]
+        got = [x, 0, z]
+    want = robot_model.rotation(*np.array([0, torso[4], 0])) @ body.com[0] * ROBOT.torso.mass / MASS
+    close(got, want, "of the whole robot, by the torso's share of its mass", atol=1e-9)
+    motion = sim.run([0, 1], still(name, 2, 0.01))
+    close(motion.torso[:, 0], np.tile(torso, (2, 1)), "the torso's frame stays", atol=0.002)
 
 
 @BOTH

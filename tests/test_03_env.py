@@ -617,6 +617,14 @@ def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     values = np.column_stack([body.friction, body.mass, body.stiffness, body.stiction, body.delay])
     alike = np.corrcoef(values.T) - np.eye(35)
     assert np.abs(alike).max() < 0.2, "every value is drawn by itself: two go together"
+    real = env.Spread(stiction=0.0, stiction_share=0.5, zero=0.01, com=0.02)
+    body = real.draw(default_rng(0).spawn(count), robot_model.TEAM)
+    shares = body.stiction / np.tile(robot_model.TEAM.stiction, 2)
+    close([shares.min(), shares.max()], [0.5, 1.5], "± 50 % of the model's dry friction", atol=0.01)
+    close(body.zero.std(0), 0.01, "σ of every joint's zero", rtol=0.15)
+    close([body.com.min(), body.com.max()], [-0.02, 0.02], "± 2 cm on every axis", atol=0.001)
+    again = env.Spread().draw(default_rng(0).spawn(count), ROBOT)
+    equal(again.mass, body.mass, "what is drawn later does not change what is drawn earlier")
     ice = env.Spread(friction=2.0).draw(default_rng(0).spawn(50), ROBOT)
     assert ice.friction.min() == 0, "no friction is less than none"
 
@@ -634,7 +642,7 @@ class Greedy(env.Spread):  # takes more random numbers than ours
 
 @pytest.mark.parametrize("change, may_change", [
     ({"goals": [[1.0, 2.0, 3.0]] * 3}, {"goal"}),
-    ({"spread": Greedy()}, BODY),
+    ({"spread": Greedy(zero=0.01, com=0.01)}, BODY),
     ({"push": 0.8}, {"push"}),
     ({"count": 1}, set()),
     ({"first": lambda world: world.look([0])}, {"noise of the goal", "noise of the IMU"}),
@@ -644,6 +652,7 @@ class Greedy(env.Spread):  # takes more random numbers than ours
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, change, may_change):
     def drawn(first=None, last=None, goals=None, count=3, push=0.4, **settings):
         """What is drawn for the first robot in two episodes, [2, ...] by name."""
+        settings = {"spread": env.Spread(zero=0.01, com=0.01), **settings}
         task, robots = replace(TASK, push_every=0.7), np.arange(count)
         world = make(env.FootstepWorld, count, noise=True, push=push, task=task, **settings)
         rngs, episodes = [env.stream("training", 6, i) for i in robots], []
