@@ -14,10 +14,11 @@ set `friction` to 5); a planner has to correct this. How fast and how well it ca
 grounds and with other bodies, is measured (and tuned) by `python tests/studies/walk.py`. (Nothing
 is random here: `--seed` changes nothing.)
 
-Then twelve robots with the reflex and twelve without it are pushed forward during a walk, each of
-the twelve at another moment of the double step. Guess first: how many of each fall, in 3-D and on
-the plane? (The study `kicks` pushes in all directions.) A push of 0.6 m/s is a force for 50 ms that
-would give the torso alone this speed, the whole robot 0.57 of it.
+Then three times twelve robots are pushed forward during a walk, each of the twelve at another
+moment of the double step: in open loop; with the reflex; with the reflex, capture steps and waiting
+(`capture`, `wait`). Guess first: how many of each fall, in 3-D and on the plane? (The study `kicks`
+pushes in all directions.) A push of 0.8 m/s is a force for 50 ms that would give the torso alone
+this speed, the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. Its zero is the swing foot's usual place: beside the other foot, at
@@ -531,9 +532,11 @@ def pushed(sim, parameters, speed, count=12):
 def plot_push(tilts, engine, path, title):
     """Tilt over time of all robots of `pushed`, [count, T] by the name of their body."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
-    for tilt, color, style in zip(tilts.values(), ("tab:red", "tab:green"), ("--", "-")):
+    for tilt, style in zip(
+        tilts.values(), (("tab:red", ":"), ("tab:orange", "--"), ("tab:green",))
+    ):
         time = np.arange(tilt.shape[1]) * engine.robot.control_dt
-        axis.plot(time, np.degrees(tilt).T, color=color, ls=style, lw=0.9)
+        axis.plot(time, np.degrees(tilt).T, *style[1:], color=style[0], lw=0.9)
     axis.axvspan(engine.period, 2 * engine.period, color="0.9")
     axis.axhline(45, color="black", ls=":")
     axis.legend(
@@ -613,8 +616,12 @@ def main():
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
-    tilts, speed = {}, 0.6  # [m/s]
-    bodies = {"without the reflex": replace(parameters, reflex=0.0), "with it": parameters}
+    tilts, speed = {}, 0.8  # [m/s]
+    bodies = {
+        "open loop": replace(parameters, reflex=0.0),
+        "reflex": parameters,
+        "reflex, steps and waiting": replace(parameters, capture=1.0, wait=10.0),
+    }
     for name, walk in bodies.items():
         tilts[name], fell = pushed(sim, walk, speed)
         print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")

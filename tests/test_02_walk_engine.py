@@ -197,6 +197,109 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     )
 
 
+LAW = replace(walk_engine.TUNED["mujoco"], capture=0.8, usual_lean=0.03, fade=0.1, wait=8.0,
+              late_lean=0.05, trunk_height=0.4)  # fmt: skip
+# Lean beyond the plan (roll, pitch), over the support foot; which foot swings; the answer before;
+# the answer: left foot, right foot; to the left [m], roll, pitch [rad]
+ANSWERS = {
+    "a lean within usual_lean is not answered": (
+        (0.03, -0.02), 0.03, "left", (0, 0, 0), ((0, 0, 0), (0, 0, 0))),
+    "half of the share `capture` of what is beyond ± usual_lean; to the swing side no shift": (
+        (-0.13, 0.08), -0.13, "left", (0, 0, 0), ((0, -0.04, 0.02), (0, 0, 0))),
+    "to the side of the support foot it lands beside it as planned: h·e to the left for a positive "
+    "roll": ((0.13, -0.08), 0.13, "left", (0, 0, 0), ((0.016, 0.04, -0.02), (0, 0, 0))),
+    "of the right foot likewise; a shift keeps the sign of the roll": (
+        (-0.13, 0.0), 0.13, "right", (0, 0, 0), ((0, 0, 0), (-0.016, -0.04, 0))),
+    "a swing foot goes half of the way from where it was; a standing one's answer fades by `fade`": (
+        (0.03, 0.13), 0.03, "right", (0.01, 0.1, 0.2), ((0.009, 0.09, 0.18), (0.005, 0.05, 0.14))),
+}  # fmt: skip
+
+
+def test_capture_step_moves_the_swing_foot_by_the_lean():
+    rows = [*ANSWERS.values()]
+    error, over = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    swings = np.array([[row[2] == "left", row[2] == "right"] for row in rows])
+    old = np.array([[row[3]] * 2 for row in rows], float)
+    for values in (error, over, swings, old):
+        values.flags.writeable = False
+    got = walk_engine.capture_step(error, over, swings, old, LAW)
+    assert np.shape(got) == (len(rows), 2, 3), "robots; left, right foot; y, roll, pitch"
+    for hint, row, answer in zip(ANSWERS, rows, got):
+        close(answer, row[4], hint, atol=1e-12)
+    off = walk_engine.capture_step(error, over, swings, 0 * old, replace(LAW, capture=0.0))
+    close(off, 0, "capture = 0: no answer")
+
+
+def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support_foot():
+    over = np.array([-1.0, 0.0, 0.05, 0.10, 0.16, 0.5])
+    want = [1, 1, 1, 0.6, 0.12, 0]
+    got = walk_engine.waiting_pace(over, LAW)
+    close(got, want, "1 − wait·(over − late_lean): never above 1, never below 0", atol=1e-12)
+    close(walk_engine.waiting_pace(over, replace(LAW, wait=0.0)), 1, "wait = 0: never")
+
+
+def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law():
+    plan = make_engine("mujoco").plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
+    lawful = replace(plan, walk=replace(plan.walk, capture=1.0, wait=10.0))
+    for one, most in ((plan, 62), (lawful, 102)):
+        one.begin()
+        assert one.most_ticks == most, "a double step may wait for longest_wait_ticks"
+        for tick in range(0, 62, 2):
+            assert not one.ended(tick)[0]
+            planned = one.trunk[:, tick, 3:5]
+            samples, added = one.targets(ROBOT, np.array([0]), tick, planned, np.zeros((1, 2)))
+            close(samples[0], plan.joints[0, tick : tick + 3], "as planned")
+        assert one.ended(62)[0]
+
+
+def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_leans():
+    """The right foot stands, the robot leans by 0.14 rad to its side, then to the other one."""
+    engine = make_engine("mujoco", 2)
+    engine.parameters = replace(engine.parameters, capture=1.0, wait=100.0)
+    plan, rows = engine.plan(np.zeros((2, 2, 3)), [0, 1]), np.array([0, 1])
+    plan.begin()
+    lean, ticks = np.array([[0.14, 0.0], [-0.14, 0.0]]), np.zeros(2, int)
+    while not plan.ended(ticks.max()).all():
+        on = rows[~plan.ended(ticks.max())]
+        now = np.rint(plan.phase[on]).astype(int)
+        tilt = plan.trunk[on, now, 3:5] + lean[on] * (now[:, None] < 31)  # until the left one lands
+        samples, _ = plan.targets(ROBOT, on, ticks.max(), tilt, np.zeros((len(on), 2)))
+        ticks[on] = ticks.max() + 2
+        if plan.phase[1] == 30:  # robot 1 does not wait: its left foot is about to land
+            joints = samples[-1, -1]
+    equal(
+        ticks, [102, 62], "who leans over the support foot waits, at most 40 ticks; others do not"
+    )
+    # Robot 1 leans as a whole, about its right foot: where is the left one then?
+    trunk, pivot = plan.trunk[1, 30], plan.feet[1, 30, 1, :3]
+    tilted = robot_model.rotation(*np.array([-0.14, 0, 0]))
+    leaning = np.concatenate([pivot + tilted @ (trunk[:3] - pivot), trunk[3:] + [-0.14, 0, 0]])
+    points, turn = robot_model.body_points(ROBOT, leaning, joints)
+    e = 0.14 - engine.parameters.usual_lean
+    aside = points[0, 2, 1] - plan.feet[1, 30, 0, 1]
+    hint = f"{1000 * aside:.0f} mm farther to the left: h·e is {1000 * trunk[2] * e:.0f} mm"
+    close(aside, trunk[2] * e, hint, rtol=0.1)
+    close(turn[0, 2, 1], -engine.parameters.usual_lean, "its sole is nearly level", atol=0.01)
+    equal(engine.answer[1, 1], 0, "the right foot stood all the time that the robot leaned")
+
+
+def test_the_answer_of_a_foot_goes_on_in_the_next_double_step():
+    engine = make_engine("mujoco", 2)
+    engine.parameters = replace(engine.parameters, capture=1.0)
+    engine.answer[1] = 0.02, 0.05, 0.03
+    for robots in ([0, 1], [1]):  # also if the rows of the plan are not all robots
+        plan = engine.plan(np.zeros((len(robots), 2, 3)), robots)
+        plan.begin()
+        before, row = engine.answer.copy(), np.array([len(robots) - 1])
+        plan.targets(ROBOT, row, 0, plan.trunk[row, 0, 3:5], np.zeros((1, 2)))
+        keeps = 1 - engine.parameters.fade
+        hint = "a standing foot snaps back: the next plan begins with the answer of the last one"
+        close(engine.answer[1, 1], keeps * before[1, 1], hint)
+        equal(engine.answer[0], 0, "of this robot only")
+    engine.reset([1])
+    equal(engine.answer, 0, "a reset forgets it")
+
+
 @BOTH
 def test_the_reflex_belongs_to_the_foot_that_does_not_swing(sim):
     engine = make_engine(sim)

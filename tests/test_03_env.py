@@ -100,9 +100,11 @@ def test_a_picture_does_not_depend_on_the_user_s_figures(make):
 
 @BOTH
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
-def test_robots_together_equal_robots_alone(make, sim, n):
+@pytest.mark.parametrize("law", [{}, {"capture": 1.0, "wait": 30.0}], ids=["as it is", "steps"])
+def test_robots_together_equal_robots_alone(make, sim, n, law):
     rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
-    settings = {"noise": True, "imu": True, "push": 1.2, "task": task}  # [m/s] some of them fall
+    walk = replace(walk_engine.TUNED[sim], **law)
+    settings = {"noise": True, "imu": True, "push": 1.2, "task": task, "walk": walk}  # some fall
     together = make(env.FootstepVectorEnv, n, sim, cores=2, **settings)
     alone = [make(env.FootstepEnv, sim=sim, **settings) for _ in range(n)]
     got, _ = together.reset(seed=11)
@@ -909,6 +911,24 @@ def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, l
     close(infos["final_info"]["time"], counted * envs.world.engine.period)
     close(infos["final_obs"][1, 0], 1.0, "one metre was left")
     equal(envs.world.ticks, np.array([whole - 1, 0, 0, 0, 0]) * envs.world.engine.period_ticks)
+
+
+def test_seconds_are_counted_also_while_a_double_step_waits(make, monkeypatch):
+    envs = make(env.FootstepVectorEnv, 3, task=replace(TASK, time_limit=2.0))
+    usual = envs.world.engine.period_ticks
+    goals = np.array([[1.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0]])
+    envs.reset(seed=0, options={"goals": goals})
+    for step, waits in enumerate(([0, 0, 0], [40, 8, 0]), 1):
+        done = motion(np.zeros((3, 3)), [False] * 3)
+        done.ticks = usual + np.array(waits)
+        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, done=done: done)
+        *_, truncated, infos = envs.step(np.tile(envs.neutral_action, (3, 1)))
+        cost = infos["reward_terms"]["r_time"] * usual / (usual + np.array(waits))
+        close(cost, -TASK.s_time, "time costs by the second: more for a double step that waited")
+        assert truncated.tolist() == [step == 2, False, False], "1.64 s: no time for another one"
+    last = infos["final_info"]
+    close(last["time"], [2 * usual / 100 + 0.4, usual / 100, 2 * usual / 100], "[s]; the success "
+          "was there after the first double step")  # fmt: skip
 
 
 def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make, monkeypatch):
