@@ -1,11 +1,13 @@
 """Where does the robot fall? Pushes, other grounds, other bodies, other errors.
 
-    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | blocks] [--out FOLDER]
+    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | blocks | steps] [--out FOLDER]
 
 pushes: far goals with noise. A push acts on the torso for 50 ms; alone it would make the torso
 faster by Δv. On average there is one every 3 s; all planners meet the same ones.
 worlds: the shipped policy, near and far goals with noise. It does not observe the world.
 blocks: far goals with noise, on a floor of blocks 0.2 m wide with drawn heights; only in 3-D.
+steps: the shipped policy with and without steps that answer a push (`capture`, `wait` of stage 2),
+in worlds in which these might fail; only in 3-D, on tuning seeds.
 """
 
 from dataclasses import replace
@@ -15,9 +17,9 @@ import common
 import matplotlib.pyplot as plt
 import numpy as np
 import seeds
-from common import RESULTS, env, robot_model, share
+from common import RESULTS, env, evaluate, robot_model, share
 
-DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 each, blocks 10"
+DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 each, blocks 10, steps 40"
 SETS = 1  # of 500 goals, for every push and world
 FEW = 250  # goals on blocks, where MuJoCo is half as fast
 BLOCKS = (0.005, 0.010)  # [m] heights from 0 to this
@@ -127,7 +129,105 @@ def study_worlds(args):
     return {"rows": rows}
 
 
-PARTS = {"pushes": study_pushes, "worlds": study_worlds, "blocks": study_blocks}
+class Lag(env.FootstepWorld):
+    """The measured tilt is 40 ms old."""
+
+    READINGS = 2
+
+    def __init__(self, num_robots, *args, **settings):
+        super().__init__(num_robots, *args, **settings)
+        self.exact = self.simulator.imu
+        self.simulator.imu = self.late
+
+    def late(self, robots):
+        tilt, rates = self.exact(robots)
+        past = self.past[robots]
+        self.past[robots] = np.concatenate([past[:, 1:], tilt[:, None]], 1)
+        return past[:, 0], rates
+
+    def reset(self, robots, *args, **more):
+        super().reset(robots, *args, **more)
+        if not hasattr(self, "past"):
+            self.past = np.zeros((len(self.goal), self.READINGS, 2))  # [N, readings, 2] [rad]
+        self.past[robots] = 0, self.engine.parameters.trunk_pitch
+
+
+class Wrong(env.FootstepWorld):
+    """The measured tilt is off by 0.02 rad in roll and pitch, by chance to which side."""
+
+    def _disturbance(self, plan, robots):
+        disturbance = super()._disturbance(plan, robots)
+        disturbance.tilt_error += 0.02 * np.sign(self.gyro_offset[robots])[:, None]
+        return disturbance
+
+
+ANSWERS = {  # settings of the walk
+    "reflex": {},
+    "open loop": {"reflex": 0.0},
+    "steps": {"capture": 1.0},
+    "waiting": {"wait": 10.0},
+    "all": {"capture": 1.0, "wait": 10.0},
+}
+HARD = {  # worlds in which steps might fail: settings
+    "flat floor": {},
+    "blocks up to 5 mm": {"kind": Blocks, "highest": 0.005},
+    "blocks up to 10 mm": {"kind": Blocks, "highest": 0.010},
+    "μ = 0.35": ground(0.35),
+    "μ = 1.1": ground(1.1),
+    "a gyro ten times worse": WORLDS["a gyro ten times worse"],
+    "tilt 40 ms late": {"kind": Lag},
+    "tilt off by 0.02 rad": {"kind": Wrong},
+    "joint zeros, σ 0.5°": {"spread": env.Spread(zero=np.radians(0.5))},
+    "joint zeros, σ 1°": {"spread": env.Spread(zero=np.radians(1.0))},
+}
+
+
+def study_steps(args, per_set=500, sets=4, first=900):
+    """Rows by world, push and answer; every answer is compared with the reflex, walk by walk."""
+    policy = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
+
+    def walked(settings, answer, push, far):
+        walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
+        with common.world(args.sim, num_robots=per_set, walk=walk, push=push, **settings) as world:
+            return common.walks(policy, world, far, sets, first, per_set, "tuning")
+
+    cases = [
+        ("flat floor", 0.0, False),
+        *((name, push, True) for push in (0.0, 0.4, 0.6) for name in HARD),
+    ]
+    rows = []
+    for name, push, far in cases:
+        if push == 0 and name != "flat floor":
+            continue
+        answers = ANSWERS if name == "flat floor" else ("reflex", "all")
+        for answer in answers:
+            ended = walked(HARD[name], answer, push, far)
+            if answer == "reflex":
+                reference = ended
+            fell, before = ended["outcome"] == "fall", reference["outcome"] == "fall"
+            ratio = evaluate.time_ratio(ended, reference)
+            rows.append(
+                {
+                    "world": name,
+                    "push": push,
+                    "answer": answer,
+                    **common.row_of(ended, "policy", far),
+                    "time_over_reflex": ratio["time_ratio"],
+                    "time_over_reflex_ci95": ratio["time_ratio_ci95"],
+                    "no_longer": int((before & ~fell).sum()),
+                    "newly": int((fell & ~before).sum()),
+                }
+            )
+
+    return {"rows": rows}
+
+
+PARTS = {
+    "pushes": study_pushes,
+    "worlds": study_worlds,
+    "blocks": study_blocks,
+    "steps": study_steps,
+}
 
 
 def table(found, sim):
@@ -139,6 +239,10 @@ def table(found, sim):
             "pushes": {"speed": 1, "reflex": 0} | columns,
             "worlds": {"world": 0, "goal_std_m": 1, "falls": 0} | columns,
             "blocks": {"blocks": 3, "reflex": 0} | columns,
+            "steps": {
+                **{"world": 0, "push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "fall": 4},
+                **{"time_over_reflex": 3, "still_there": 3, "no_longer": 0, "newly": 0},
+            },
         },
     )
 
@@ -173,7 +277,7 @@ def plot(found, sim):
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
-    pushes, worlds, blocks = (data["mujoco"][part]["rows"] for part in PARTS)
+    pushes, worlds, blocks = (data["mujoco"][part]["rows"] for part in [*PARTS][:3])
 
     def falls(rows, **wanted):
         both = (
