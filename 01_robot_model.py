@@ -178,13 +178,13 @@ class Body:
     def as_model(cls, robot, n):
         """The Body of n robots that do not differ from the model."""
         return cls(
-            friction=np.full(n, robot.friction),
-            mass=np.ones((n, 9)),
-            stiffness=np.ones((n, 12)),
-            stiction=np.tile(robot.stiction, (n, 2)),
-            delay=np.zeros(n, int),
-            zero=np.zeros((n, 12)),
-            com=np.zeros((n, 3)),
+            np.full(n, robot.friction),
+            np.ones((n, 9)),
+            np.ones((n, 12)),
+            np.tile(robot.stiction, (n, 2)),
+            np.zeros(n, int),
+            np.zeros((n, 12)),
+            np.zeros((n, 3)),
         )
 
 

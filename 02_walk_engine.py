@@ -461,8 +461,7 @@ def walk_plans(
     body=None,
     disturb=None,
     watch=None,
-    robot=robot_model.RobotModel(),
-    simulate=robot_model.make_sim,
+    **more,  # of `walkers`: robot, cores, simulate
 ):
     """Walk N robots, which differ from the model by `body`, through K double steps [N, K, 2, 3],
     from standing.
@@ -474,7 +473,7 @@ def walk_plans(
     """
     footsteps = np.asarray(footsteps, float)
     n, count = footsteps.shape[:2]
-    engine, simulator = walkers(sim, n, parameters, robot, simulate=simulate)
+    engine, simulator = walkers(sim, n, parameters, **more)
     simulator.reset(np.arange(n), body)
     poses, commanded = np.zeros((2, n, count + 1, 3))
     fall = np.full(n, count)
@@ -568,10 +567,9 @@ def plot_plan(engine, plan, motion, path):
             axis.plot(time[1:], torso[:, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    named = {}
-    for axis in axes:
-        named |= dict(zip(*axis.get_legend_handles_labels()[::-1]))
-    figure.legend(named.values(), named, loc="outside lower center", ncols=4)
+    lines = [*axes[0].lines, *axes[2].lines[1:4:2]]
+    names = [line.get_label() for line in lines]
+    figure.legend(lines, names, loc="outside lower center", ncols=4)
     figure.suptitle("A double step during a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 

@@ -493,12 +493,10 @@ class FootstepWorld:
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
-            tilt, late = disturbance.tilt_error[row], gyro[usual:]
+            gyro[usual:] = gyro[: len(gyro) - usual]  # who waits meets the first ones again
+            tilt = disturbance.tilt_error[row]
             tilt[:] = self.rngs[i, TILT].normal(0, self.task.imu_rad, tilt.shape)
             tilt[:, 0] *= not self.engine.planar  # the plane has no roll
-            late[:] = self.rngs[i, TILT].normal(
-                self.gyro_offset[i], self.task.imu_rad_s, late.shape
-            )
         return disturbance
 
     def step(self, actions, robots, disturb=None):
@@ -712,15 +710,14 @@ def hand_written(goal, limits):
 
 
 def walk_for_a_while(envs, act, steps):
-    """What each of the R reward terms paid, [steps, R, N], and which episodes ended at the goal, and
-    which by a fall, [2, steps, N]; act: View -> actions."""
-    paid, goals, falls = [], [], []
-    for _ in range(steps):
-        *_, infos = envs.step(act(envs.world.look(envs.robots)))
-        paid.append([*infos["reward_terms"].values()])
-        goals.append(infos["success"])
-        falls.append(infos["fall"])
-    return np.array(paid), np.array([goals, falls])
+    """What every reward term paid, [steps, N] by its name; which episodes ended at the goal, and
+    which by a fall, [steps, N] each. act: View -> actions."""
+    infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in range(steps)]
+    paid = {
+        term: np.array([info["reward_terms"][term] for info in infos])
+        for term in infos[0]["reward_terms"]
+    }
+    return paid, *(np.array([info[end] for info in infos]) for end in ("success", "fall"))
 
 
 def estimate_errors(world, steps):
@@ -736,12 +733,13 @@ def estimate_errors(world, steps):
     return np.transpose(rows)
 
 
-def plot_rewards(terms, episode, errors, noise_m, path):
-    """Left: what the reward terms (their names) paid in an episode, rewards [K, R]. Right: errors of
-    the estimated goal [2, K], see `estimate_errors`.
+def plot_rewards(episode, errors, noise_m, path):
+    """Left: what every reward term paid in the double steps of an episode, [K] by its name. Right:
+    errors of the estimated goal [2, K], see `estimate_errors`.
     """
     figure, (curves, estimate) = plt.subplots(1, 2, figsize=(11, 4))
-    curves.plot(np.cumsum([0 * episode[0], *episode], 0), label=terms)
+    for term, values in episode.items():
+        curves.plot(np.append(0, values.cumsum()), label=term)
     curves.set(
         title="One episode of the hand-written planner",
         xlabel="double step",
@@ -781,26 +779,22 @@ def main():
         "hand-written": lambda view: hand_written(view.goal, limits),
     }
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
-    terms = [*reward_terms(*np.zeros((2, 1, 3)), *np.zeros((2, 1, 6)), 0, 0)]
-    row = "{:14}{:>10}{:>7}  " + len(terms) * "{:>8}"
-    print(row.format("mean sums of:", "episodes", "falls", *terms))
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
-        paid, (goals, falls) = walk_for_a_while(envs, act, steps)  # [60, R, 64], [60, 64] each
-        ended, total = goals | falls, paid.cumsum(0)
-        sums = [np.diff(total[ended[:, i], :, i], axis=0, prepend=0) for i in range(count)]
-        means = np.concatenate(sums).mean(0)  # [R] over all ended episodes
-        print(row.format(name, ended.sum(), falls.sum(), *means.round(2)))
+        paid, goals, falls = walk_for_a_while(envs, act, steps)
+        print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
+        for term, values in paid.items():  # [60, 64] each
+            print(f"    {term:8}{values.sum(0).mean():8.2f}")
     envs.close()
     # Of the hand-written planner, which walked last: the longest of the robots' first episodes
-    first = ended.argmax(0)  # [64] when it ended; 0: it did not
+    first = (goals | falls).argmax(0)  # [64] when it ended; 0: it did not
     robot = first.argmax()
-    episode = paid[: first[robot] + 1, :, robot]
+    episode = {term: values[: first[robot] + 1, robot] for term, values in paid.items()}
     with closing(FootstepWorld(count, args.sim, noise=True)) as world:
         robots = np.arange(count)
         world.reset(robots, [stream("training", args.seed, i) for i in robots])
         errors = estimate_errors(world, 15)
-    plot_rewards(terms, episode, errors, world.task.noise_m, path)
+    plot_rewards(episode, errors, world.task.noise_m, path)
     print("Look at", path)
 
 

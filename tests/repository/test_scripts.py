@@ -61,8 +61,8 @@ def check_picture(path):
      [f"here/runs/mujoco/01_{name}.png" for name in ("robot", "standing")]),
     ("02_walk_engine.py", [], "a left turn",
      [f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
-    ("03_env.py", [], "distance d.*right yaw, action before.*falls.*r_d.*random +[1-9].*"
-     "hand-written +[1-9]", ["here/runs/pymunk/03_rewards.png"]),
+    ("03_env.py", [], "distance d.*right yaw, action before.*random: .* [1-9][0-9]* falls.*"
+     "hand-written: [1-9][0-9]* episodes at.*r_goal +[1-9]", ["here/runs/pymunk/03_rewards.png"]),
 ], ids=str)  # fmt: skip
 def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files):
     here = tmp_path / "here"

@@ -160,7 +160,7 @@ def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
     torso = plan.trunk[:, 1:].copy()
     torso[..., 0] += 0.001 * np.arange(torso.shape[1])
     torso[..., 2] += 0.004
-    motion = robot_model.Motion(torso, plan.joints[:, 1:], None, np.array([False]))
+    motion = robot_model.Motion(torso, plan.joints[:, 1:], None, np.array([False]), [60])
     clearance, slip = walk.clearance_and_slip(engine, motion)
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004

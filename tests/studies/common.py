@@ -95,7 +95,7 @@ def work(sim, study, training):
 
 HEADS = {
     "goal_std_m": "goals σ [m]",
-    "success": "arrived and stayed",
+    "success": "arrived",
     "fall": "share of falls",
     "timeout": "share of time-outs",
     "time": "time [s]",
@@ -235,7 +235,7 @@ def readme_table(rows):
             (row,) = pick(rows, noise=True, goal_std_m=std, planner=name)
             cells = (cell(row, *column) for column in columns.items())
             lines.append(f"{'far' if far else 'near'}, σ {std} m | `{name}` | {' | '.join(cells)}")
-    head = "goals | planner | arrived and stayed [95 % interval] | falls | time [s] | still there"
+    head = "goals | planner | arrived [95 % interval] | falls | time [s] | still there"
     return evaluate.markdown(head, lines)
 
 

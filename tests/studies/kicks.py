@@ -280,12 +280,11 @@ def found(data):
     pushes, worlds, blocks = (data["mujoco"][part]["rows"] for part in [*PARTS][:3])
 
     def falls(rows, **wanted):
-        both = (
-            common.values(rows, "fall", planner="policy", reflex=reflex, **wanted)
-            for reflex in (True, False)
-        )
-        return "{} of the far walks with the reflex and in {} without".format(
-            *(share(own, 1) for own in both)
+        own = {"planner": "policy", **wanted}
+        walks, _ = common.values(rows, "episodes", **own)
+        on, off = (common.values(rows, "fall", reflex=reflex, **own) for reflex in (True, False))
+        return (
+            f"{share(on, 1)} of {walks} far walks with the reflex and in {share(off, 1)} without it"
         )
 
     def counted(*names):
