@@ -163,7 +163,7 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
     plan.gyro_error[0] = [9, 9], [9, 9], [0.1, -0.2], [9, 9], [9, 9]
     plan.reflex_gain[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
-    got = plan.feedback(robot, 2, 4, np.array([[0.5, 1.0]]))
+    got = plan.feedback(robot, 2, 4, np.broadcast_to([0.5, 1.0], (1, 2)))
     assert got.shape == (1, 2, 12), "robots, ticks, joints"
     # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
     want = np.zeros((2, 12))
@@ -249,6 +249,7 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
         left[:1].repeat(waiting + 1, 0),
         "it waits during the double support, on the ground: not even a small way is made",
     )
+    assert np.ptp(left[: waiting + 3, :3], 0).min() > 1e-6, "it waits no longer than that"
     close(
         left[-2, [0, 1, 3]],
         engine.feet[0, 0],
@@ -381,9 +382,9 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
     ways = (np.arange(levels) + 1) / levels
     ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
     poses = np.full((4, levels, count + 1, 3), 3.0)  # not from the world's origin
-    poses[:, :, -1] = 9  # and aside
+    poses[:, :, 1:] = 9  # and aside
     for i, (axis, sign) in enumerate(((0, 1), (0, -1), (1, 1), (2, 1))):  # every walk its way
-        poses[i, :, -1, axis] = 3 + sign * ways
+        poses[i, :, -1, axis] = 3 + sign * (1 + i) * ways
     poses, fall = poses.reshape(4 * levels, count + 1, 3), np.full(4 * levels, count)
     forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
     close(
@@ -393,10 +394,10 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
         "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period",
     )
     fall[4::levels] = 2  # level 5 falls
-    for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
+    for i, (direction, speed) in enumerate(walk.highest_speed(poses, fall, period=0.5).items(), 1):
         close(
             speed,
-            ways[2] / moving,
+            i * ways[2] / moving,
             f"{direction}: of eight levels the third is the fastest below the first one that "
             "fell, and not the last one that stood; a way counts to whichever side",
         )

@@ -201,7 +201,7 @@ def test_actions_and_footsteps_are_inverse(sim):
     for k, share in itertools.product(range(6), (0.0, 0.5, 1.0)):  # and all the rest is zero steps
         shares, want = -low / (high - low), np.zeros(6)
         shares[k], want[k] = share, low[k] + share * (high[k] - low[k])
-        got = np.ravel(env.to_footsteps(shares, limits))
+        got = np.ravel(env.to_footsteps(np.broadcast_to(shares, 6), limits))
         close(got, want, f"{SHARES} (for {shares.round(3)})", atol=1e-6)
     drawn = rng.uniform(limits.low, limits.high, (1000, 2, 3))
     drawn.flags.writeable = False
@@ -422,12 +422,13 @@ def test_feet_within_the_limits_do_not_touch(sim):
         assert corners[:, 1].min() > inside + 0.01, f"{(x, y, yaw)}: on the right foot, or nearly"
 
 
-DRIFT, NOISE = np.array([0.1, 0.2, 0.5]), np.array([0.1, 0.1, 0.1])
+DRIFT, NOISE = np.broadcast_to([[0.1, 0.2, 0.5], [0.1, 0.1, 0.2]], (2, 3))
 
 
 def test_estimate_predict_by_hand():
     goal = np.array([[2.4, 0, 0.5], [1.3, 0.1, 0.5]])
     before = np.array([[[0.01, 0.004, 0], [0.004, 0.02, 0.003], [0, 0.003, 0.03]]] * 2)
+    before[1] *= 2
     motion = np.array([[0.4, 0, 0], [0.3, 0.1, math.pi / 2]])
     goal.flags.writeable = before.flags.writeable = motion.flags.writeable = False
     got, covariance = env.predict(goal, before, motion, DRIFT)
@@ -452,16 +453,16 @@ def test_estimate_predict_by_hand():
     # of the second one, at y = −1: (y·0.5)² to x; x′ = y and y′ = −x
     close(
         covariance[1],
-        [[0.02 + 0.26, -0.004, 0.003 + 0.25], [-0.004, 0.05, 0], [0.253, 0, 0.28]],
+        [[0.04 + 0.26, -0.008, 0.006 + 0.25], [-0.008, 0.06, 0], [0.256, 0, 0.31]],
         "J·P·Jᵀ: who turns left sees the goal, and its errors of x and y, turn back with it",
     )
 
 
 def test_estimate_correct_by_hand():
     together = [[0.03, 0, 0.02], [0, 0.01, 0], [0.02, 0, 0.03]]
-    covariance = np.array([np.diag([0.03, 0.01, 0.03]), 1e6 * np.eye(3), together])
+    covariance = np.array([np.diag([0.03, 0.01, 0.12]), 1e6 * np.eye(3), together])
     goal = np.array([[1.0, 2, 3.1], [9, 9, 0], [1, 2, 3]])
-    measured = np.array([[2.0, 1, -3.1], [1, 2, 3], [1.6, 2.2, 3]])
+    measured = np.array([[2.0, 1, -3.1], [1, 2, 3], [1.3, 2.2, 3]])
     goal.flags.writeable = covariance.flags.writeable = measured.flags.writeable = False
     got, after = env.correct(goal, covariance, measured, NOISE)
     around = 3.1 + 0.75 * (2 * math.pi - 6.2) - 2 * math.pi
@@ -472,15 +473,15 @@ def test_estimate_correct_by_hand():
         "over π; and with nothing known before, the measurement counts alone",
         atol=1e-6,
     )
-    close(  # (P + R)⁻¹ of x and yaw: 1 / 0.04² − 0.02² times (0.04, −0.02; −0.02, 0.04)
+    close(  # (P + R)⁻¹ of x and yaw: (0.07, −0.02; −0.02, 0.04) / (0.04·0.07 − 0.02²)
         got[2],
-        [1.4, 2.1, 3.1],
+        [1.2125, 2.1, 3.1],
         "K = P·(P + R)⁻¹: the errors of x and yaw belong together, so what is seen of x tells of yaw",
     )
     hint = "(1 − K)·P = K·R"
-    close(after[0], np.diag([0.0075, 0.005, 0.0075]), hint)
-    close(after[1], 0.01 * np.eye(3), hint, atol=1e-6)
-    close(after[2] * 600, [[4, 0, 1], [0, 3, 0], [1, 0, 4]], hint)
+    close(after[0], np.diag([0.0075, 0.005, 0.03]), hint)
+    close(after[1], np.diag([0.01, 0.01, 0.04]), hint, atol=1e-6)
+    close(after[2] * 1200, [[8.5, 0, 4], [0, 6, 0], [4, 0, 16]], hint)
 
 
 def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
@@ -490,7 +491,7 @@ def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
         goal, covariance = env.predict(goal, covariance, still, 0 * DRIFT)
         goal, covariance = env.correct(goal, covariance, measured, NOISE)
         close(goal[:, :2], seen[:n, :, :2].mean(0), f"after {n} measurements", atol=1e-6)
-        want = np.tile(0.01 / n * np.eye(3), (4, 1, 1))
+        want = np.tile(np.diag(NOISE**2 / n), (4, 1, 1))
         close(covariance, want, "the variance of a mean is noise² / n", atol=1e-8)
 
 

@@ -124,12 +124,14 @@ def test_speed_of_many_goals_is_that_of_each():
 
 
 def test_the_filter_is_solved_exactly():
-    velocity, command = np.array([[0.02, 0, 0.1]] * 2), np.array([[0.12, 0.2, 0.1]] * 2)
+    slow, fast = [0.02, 0, 0.1], [0.12, 0.2, 0.1]
+    velocity, command = np.array([slow, fast]), np.array([fast, slow])  # one of them brakes
     velocity.flags.writeable = command.flags.writeable = False
     found = evaluate.low_pass(velocity, command, 0.6, 1.5)
+    left = np.array([0.1, 0.2, 0]) * math.exp(-0.4)
     close(
         found,
-        command - [0.1 * math.exp(-0.4), 0.2 * math.exp(-0.4), 0],
+        command - [left, -left],
         "v ← v + (1 − exp(−t/τ))·(v_cmd − v): is the sign right?",
     )
     close(evaluate.low_pass(velocity, command, 0.6, 0), command, "τ = 0: no filter")
@@ -209,6 +211,8 @@ def test_wilson_interval():
     low, high = evaluate.wilson(500, 500)
     assert high == pytest.approx(1) and 0.99 < low < 1, "500 of 500 does not prove 100 %"
     close(evaluate.wilson(0, 500), [1 - high, 1 - low], "not symmetric")
+    highest = max(evaluate.wilson(n, n)[1] for n in range(1, 500))
+    assert highest <= 1, "a share above 1: of (1 + z²/n) / (1 + z²/n) rounding makes more than 1"
 
 
 def trials(outcomes, times, still_there=None):
@@ -243,13 +247,35 @@ def test_time_ratio_uses_only_goals_that_both_reached():
         "paired: a goal's difficulty cancels out, resample goals, not times",
     )
     far_ones = evaluate.time_ratio(
-        trials(["success"] * 3, [5, 30, 40]), trials(["success"] * 3, [10, 20, 40])
+        trials(["success"] * 4, [5, 30, 40, 8]), trials(["success"] * 4, [10, 20, 40, 10])
     )
-    close(far_ones["time_ratio"], 75 / 70, "a ratio of the means, not a mean of the ratios")
-    close(far_ones["median"], 1, "of the ratios goal by goal: 0.5, 1.5 and 1")
-    close([far_ones["faster"], far_ones["slower"]], 1 / 3, "one of three takes as long")
+    close(far_ones["time_ratio"], 83 / 80, "a ratio of the means, not a mean of the ratios")
+    close(far_ones["median"], 0.9, "of the ratios goal by goal: 0.5, 1.5, 1 and 0.8")
+    close(
+        [far_ones["faster"], far_ones["slower"]],
+        [0.5, 0.25],
+        "two of four take less than the reference, one takes more, one takes as long",
+    )
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
+
+
+def test_time_ratio_s_bootstrap_is_that_of_theory():
+    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
+    close((low + high) / 2, sample.mean(), atol=0.03)
+    close(
+        high - low,
+        2 * 1.96 * sample.std() / 20,
+        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are",
+        rtol=0.07,
+    )
+    assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
+        "what belongs together is drawn together"
+    )
+    seen = []
+    evaluate.bootstrap(lambda drawn: seen.extend(drawn) or drawn.mean(1), sample, resamples=7)
+    assert len(seen) == 7, "as many resamples as are asked for"
 
 
 def test_time_ratio_s_interval_covers_the_truth():
@@ -265,21 +291,6 @@ def test_time_ratio_s_interval_covers_the_truth():
         "2.5 and 97.5 % of the ratios of the means, not of the mean of the ratios; goals are drawn "
         f"with replacement (got {np.mean(covered):.0%} of the intervals around the truth, expected "
         "95 %)"
-    )
-
-
-def test_time_ratio_s_bootstrap_is_that_of_theory():
-    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
-    close((low + high) / 2, sample.mean(), atol=0.03)
-    close(
-        high - low,
-        2 * 1.96 * sample.std() / 20,
-        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are",
-        rtol=0.07,
-    )
-    assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
-        "what belongs together is drawn together"
     )
 
 

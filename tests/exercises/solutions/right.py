@@ -69,11 +69,12 @@ def leg_points(robot, joints):
         hip = rotation(roll, 0.0, yaw)
         thigh, shin, flat = (hip @ rotation(0.0, a, 0.0) for a in np.cumsum(pitches))
         foot = flat @ rotation(ankle_roll, 0.0, 0.0)
-        points[i, 1] = thigh @ np.array([0, 0, -robot.thigh_length])
-        points[i, 2] = points[i, 1] + shin @ np.array([0, 0, -robot.shin_length])
-        below = points[i, 2] - foot[:, 2] * robot.ankle_height
-        points[i, 3] = below - foot[:, 0] * robot.foot_back
-        points[i, 4] = below + foot[:, 0] * robot.foot_front
+        leg = points[i]  # [5, 3]
+        leg[1] = thigh @ np.array([0, 0, -robot.thigh_length])
+        leg[2] = leg[1] + shin @ np.array([0, 0, -robot.shin_length])
+        below = leg[2] - foot[:, 2] * robot.ankle_height
+        leg[3] = below - foot[:, 0] * robot.foot_back
+        leg[4] = below + foot[:, 0] * robot.foot_front
         turns[i] = foot
     return (points, turns)
 
@@ -532,12 +533,12 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """Resample after resample."""
+    """A hundred resamples at a time."""
     n = len(samples[0])
     rng, found = (np.random.default_rng(7), [])
-    for _ in range(resamples):
-        pick = rng.integers(n, size=n)
-        found.append(statistic(*(sample[pick][None] for sample in samples))[0])
+    while len(found) < resamples:
+        pick = rng.choice(n, (min(100, resamples - len(found)), n))
+        found.extend(statistic(*(np.take(sample, pick) for sample in samples)))
     return (np.quantile(found, 0.025), np.quantile(found, 0.975))
 
 
