@@ -592,6 +592,24 @@ def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     assert ice.friction.min() == 0, "no friction is less than none"
 
 
+def test_every_robot_has_the_ground_that_it_drew(make, monkeypatch):
+    world = make(env.FootstepWorld, 3, "mujoco", cores=1, spread=env.Spread(blocks=0.02))
+    laid = {}
+
+    def lay_blocks(robots, heights):
+        laid.update(zip(robots, heights))
+
+    monkeypatch.setattr(world.simulator, "lay_blocks", lay_blocks)
+    world.reset([2, 0], [env.stream("training", 3, i) for i in (2, 0)])
+    assert [*laid] == [2, 0]
+    heights = np.array([*laid.values()]) / 0.02
+    parts = np.quantile(heights, [0, 0.25, 0.75, 1])
+    close(parts, [0, 0.25, 0.75, 1], "evenly from 0 to `blocks` [m]", atol=0.03)
+    assert len(np.unique(heights)) == heights.size, "every block is drawn by itself"
+    felt = [model.pair_friction[0, 0] for model in world.simulator.models]
+    close(world.friction, felt, "the μ that stage 5 reports is that of the ground")
+
+
 BODY = set(robot_model.Body.__dataclass_fields__)
 WILD = default_rng(0).random(6)
 

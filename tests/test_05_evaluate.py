@@ -302,6 +302,10 @@ def test_summary_counts_episodes_and_times_successes():
     assert row["reached_once"] == 0.75, "by the paper's rule: at the goal after one double step"
     assert row["time_once_mean"] == 6, "(4 + 6 + 8) / 3 s, of all who were there once"
     close(row["time_once_std"], math.sqrt(8 / 3), atol=1e-3)
+    row = row_of("policy", False, 0.5, FOUR | {"reached_once": np.array([True] * 4)})
+    assert row["fall_once"] == row["timeout_once"] == 0, (
+        "who has been there has arrived, by its rule"
+    )
 
 
 def test_summary_without_a_success_is_valid_json():
@@ -555,6 +559,7 @@ def refused(*arguments):
 @pytest.mark.parametrize("text", [
     "", "x,y,yaw\n", "x,y,yaw\n1,2\n", "x,y,yaw\n1,2,3,4\n", "x,y,yaw\n1,two,3\n",
     "x,y,yaw\n1,2,3\n1,nan,3\n", "x,y,yaw\n" + 10_001 * "0,0,0\n", "x,y,yaw\n1e300,0,0\n",
+    "x,y,yaw\n0,-1000,0\n",
     "x,y,yaw\n\xe9\xe9,1,1\n", None,
 ], ids=lambda text: repr(text)[:30])  # fmt: skip
 def test_a_malformed_goals_file_is_one_line(short_trials, text):
