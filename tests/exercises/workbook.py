@@ -2,6 +2,7 @@
 ../repository/grading.py grades it, ../repository/test_workbook.py checks that README.md beside this file agrees.
 """
 
+import sys
 from collections import namedtuple
 
 Exercise = namedtuple(
@@ -66,6 +67,13 @@ def graded_by(exercise, module, test):
     """Does this test (names without .py and parameters) grade the exercise?"""
     grader, *beginnings = exercise.tests
     return module == grader and test.removeprefix("test_").startswith(tuple(beginnings))
+
+
+def any_console():
+    """Lets the console show ? for a letter that it lacks, as one of Windows may lack ★."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a notebook's stream has none, and pythonw no stream
+            stream.reconfigure(errors="replace")
 
 
 def command(name, folder="exercises"):
