@@ -756,75 +756,49 @@ def test_a_misspelt_setting_or_option_is_an_error(make):
     assert {type(info[name]) for name in ("success", "fall", "timeout", "time")} == {bool, float}
 
 
-IN, OUT, FALL = "inside", "outside", "falls, inside"
+IN, OUT, FALL = (0.0, 0), (0.2, 0), "falls, inside"  # from the goal [m], [°]
 
 
-@pytest.mark.parametrize(
-    "ends, want, counted",
-    [  # of the double steps; how it ends; its time
-        ([IN, IN], "success", 1),
-        ([OUT, IN, IN], "success", 2),
-        ([IN, OUT, IN, IN], "success", 3),
-        ([IN, OUT], "", 2),
-        ([IN, OUT, IN], "", 3),
-        ([IN, FALL], "fall", 2),
-        ([FALL], "fall", 1),
-    ],
-    ids=lambda value: ", ".join(value) if isinstance(value, list) else str(value),
-)
-def test_to_arrive_is_to_stay(make, monkeypatch, ends, want, counted):
-    world, robots = make(env.FootstepWorld, 3, cores=1), [2, 0]
-    # It starts at its goal, which does not count as having been there.
-    poses = {IN: [0, 0, 0], OUT: [0.2, 0, 0], FALL: [0, 0, 0]}
-    for repeat in range(2):  # the second time: nothing is left of the first episode
-        world.reset(np.arange(3), goals=[poses[IN]] * 3)
+@pytest.mark.parametrize("ends, want, counted", [  # of the double steps; how it ends; its time
+    ([IN, IN], "success", 1), ([OUT, IN, IN], "success", 2), ([IN, OUT, IN, IN], "success", 3),
+    ([IN, OUT], "", 2), ([IN, OUT, IN], "", 3), ([IN, FALL], "fall", 2), ([FALL], "fall", 1),
+    ([(0.049, 9.9)] * 2, "success", 1), ([(-0.049, -9.9)] * 2, "success", 1),
+    ([(0.0, 360)] * 2, "success", 1), ([(0.051, 0)] * 2, "", 2), ([(0.0, 10.1)] * 2, "", 2),
+    ([(0.0, -10.1)] * 2, "", 2),
+], ids=str)  # fmt: skip
+def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, monkeypatch, ends, want, counted):
+    # Noise must not matter: the true pose counts.
+    world, robots = make(env.FootstepWorld, 3, noise=True, cores=1), [2, 0]
+    # First it starts at its goal, which does not count as having been there. The second time
+    # nothing is left of the first episode.
+    for goal in np.array([[0, 0, 0], [0.7, -0.2, 1.0]]):
+        world.reset(np.arange(3), goals=[goal] * 3)
         for step, end in enumerate(ends, 1):
-            both = motion(np.array([poses[end], poses[OUT]]), [end is FALL, False])
+            x, yaw = IN if end is FALL else end
+            off = [0.6 * x, 0.8 * x, math.radians(yaw)], [0.2, 0, 0]  # of robot 2, of robot 0
+            both = motion(goal + off, [end is FALL, False])
             monkeypatch.setattr(world.simulator, "run", lambda *_, both=both, **__: both)
+            world.look(robots)
             result = world.step(np.full((2, 6), 0.4), robots)
             got = [name for name in ("success", "fall", "timeout") if result[name][0]]
             assert got == ([want] if want and step == len(ends) else []), (
-                f"after double step {step} of {ends}: two in a row must end inside, and a fall "
-                f"in the second is a fall{', whatever the last episode was' * repeat}"
+                f"after double step {step} of {ends}: two in a row must end within 5 cm AND 10° of "
+                "the true goal, wrapped; and a fall in the second is a fall, whatever the last "
+                "episode was"
             )
-            equal(result["inside"], [end is IN, False], "of every robot by itself; a fall wins")
-            assert result["reward_terms"]["r_goal"][0] == TASK.s_goal * ("success" in got)
+            inside = end is not FALL and abs(x) < 0.05 and min(yaw % 360, -yaw % 360) < 10
+            equal(result["inside"], [inside, False], "of every robot by itself; a fall wins")
+            for name, scale in (
+                ("goal", TASK.s_goal * ("success" in got)),
+                ("fall", -TASK.s_fall * ("fall" in got)),
+            ):
+                assert result["reward_terms"][f"r_{name}"][0] == scale
             assert not result["success"][1], "a robot arrives for itself, not for another one"
         close(
             result["time"] / world.engine.period,
             [counted, len(ends)],
             "a success took the time to the FIRST of the two",
         )
-
-
-@pytest.mark.parametrize(
-    "x, yaw_deg, fell, want",
-    [
-        (0.049, 9.9, False, "success"),
-        (-0.049, -9.9, False, "success"),
-        (0.0, 360, False, "success"),
-        (0.051, 0, False, ""),
-        (0.0, 10.1, False, ""),
-        (0.0, -10.1, False, ""),
-        (0.0, 0, True, "fall"),
-    ],
-)
-def test_success_needs_place_and_orientation_and_no_fall(make, monkeypatch, x, yaw_deg, fell, want):
-    one = make(env.FootstepEnv, noise=True)  # noise must not matter: the true pose counts
-    goal = np.array([0.7, -0.2, 1.0])
-    end = goal + [[x * 0.6, x * 0.8, math.radians(yaw_deg)]]
-    for seed in range(3):
-        one.reset(seed=seed, options={"goals": [goal]})
-        for falls in (False, fell):  # two double steps that end there
-            monkeypatch.setattr(
-                one.world.simulator, "run", lambda *_, f=falls, **__: motion(end, [f])
-            )
-            _, _, terminated, truncated, info = one.step(one.world.neutral_action)
-        got = [name for name in ("success", "fall", "timeout") if info[name]]
-        assert got == ([want] if want else []), "5 cm AND 10° of the true pose, wrapped; falls win"
-        assert terminated == bool(want) and not truncated
-        assert info["reward_terms"]["r_goal"] == TASK.s_goal * (want == "success")
-        assert info["reward_terms"]["r_fall"] == -TASK.s_fall * (want == "fall")
 
 
 @BOTH

@@ -45,24 +45,26 @@ def command(x, y, yaw=0.0, settings=B):
 
 
 def test_speed_limit_on_each_axis():
-    for x, y, expected in (
-        (5, 0, (0.12, 0)),
-        (-5, 0, (-0.06, 0)),
-        (0, 5, (0, 0.07)),
-        (0, -5, (0, -0.07)),
-    ):
-        found = command(x, y)[:2]
-        equal(
-            np.sign(found.round(6)),
-            np.sign(expected),
-            f"the signs of v: v_x ahead, v_y to the left (for a goal at ({x}, {y}))",
-        )
-        close(
-            found,
-            expected,
-            "forward 0.12, backward 0.06, sideways 0.07 m/s: is backward taken for forward?",
-            atol=1e-6,
-        )
+    for settings, ahead, back, aside in (B, 0.12, 0.06, 0.07), (OTHER, 0.3, 0.1, 0.2):
+        for x, y, expected in (
+            (5, 0, (ahead, 0)),
+            (-5, 0, (-back, 0)),
+            (0, 5, (0, aside)),
+            (0, -5, (0, -aside)),
+        ):
+            found = command(x, y, settings=settings)[:2]
+            equal(
+                np.sign(found.round(6)),
+                np.sign(expected),
+                f"the signs of v: v_x ahead, v_y to the left (for a goal at ({x}, {y}))",
+            )
+            close(
+                found,
+                expected,
+                f"forward {ahead}, backward {back}, sideways {aside} m/s: is backward taken for "
+                "forward? Every limit comes from `settings`, not from the default",
+                atol=1e-6,
+            )
 
 
 def test_speed_far_away_is_on_the_edge_of_the_diamond():
@@ -103,13 +105,6 @@ def test_speed_and_turning_follow_the_settings():
         "every limit and gain comes from `settings`, not from the default; and the gain comes "
         "before the limit: v = min(gain·d, v_max)"
     )
-    for x, y, expected in (5, 0, (0.3, 0)), (-5, 0, (-0.1, 0)), (0, 5, (0, 0.2)):
-        close(
-            command(x, y, settings=OTHER)[:2],
-            expected,
-            f"{hint} (for a goal at ({x}, {y}))",
-            atol=1e-6,
-        )
     close(command(0, 5, settings=OTHER)[2], 0.8, "far: 0.8 rad/s to the left")
     close(command(0.3, 0, 0.2, OTHER)[2], 0.4, "near: 2·α; " + hint)
     close(command(0.5, 0, 0.2, OTHER)[2], 0, "far begins at far_m = 0.4 m")

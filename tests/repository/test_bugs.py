@@ -4,14 +4,14 @@ still import, and the test that debug.md names catches the bug (slow)."""
 import os
 import re
 import shutil
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 
 import debug
 import pytest
 from debug import BUGS, ROOT
+from test_scripts import main_of
+from test_workbook import run
 
 BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text("utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
@@ -33,20 +33,6 @@ def catcher(name):
     return found
 
 
-def run(*command, folder, encoding="utf-8"):
-    """(exit code, all that was printed) of Python with these arguments."""
-    done = subprocess.run(
-        [sys.executable, *map(str, command)],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        encoding=encoding,
-        timeout=900,
-        env=os.environ | {"PYTHONIOENCODING": encoding},
-    )
-    return done.returncode, done.stdout
-
-
 def test_every_bug_has_its_page_and_every_page_its_bug():
     assert sorted(SECTIONS) == NAMES, "headings of debug.md and files in bugs/ differ"
 
@@ -56,27 +42,25 @@ def test_a_bug_changes_little_in_one_stage_and_has_a_whole_page(name, tmp_path, 
     for part in ("★", "*Symptom.*", "*Task.*", "<summary>Hint 1", "<summary>Hint 2"):
         assert part in SECTIONS[name], f"{name}: where is {part}?"
     assert catcher(name)
-    for path in ROOT.glob("0*.py"):
-        shutil.copy(path, tmp_path)
+    file, _, _ = debug.read_bug(name)
+    copy = tmp_path / file
+    shutil.copy(ROOT / file, copy)
     monkeypatch.setattr(debug, "ROOT", tmp_path)
 
-    def stages(what=None):
-        """Their texts, after this command."""
-        if what:
-            monkeypatch.setattr(sys, "argv", ["debug.py", what, name])
-            debug.main()
-        return {path.name: path.read_text("utf-8") for path in tmp_path.glob("0*.py")}
+    def after(what):
+        """The stage after this command."""
+        main_of("debug.py", monkeypatch, what, name)
+        return copy.read_text("utf-8")
 
-    before, after = stages(), stages("put")
-    (file,) = (file for file in before if after[file] != before[file])
-    compile(after[file], file, "exec")
-    new = set(after[file].splitlines()) - set(before[file].splitlines())
-    assert len(new) <= 6, f"one bug, not a rewrite: {new}"
+    good, bad = copy.read_text("utf-8"), after("put")
+    compile(bad, file, "exec")
+    new = set(bad.splitlines()) - set(good.splitlines())
+    assert 0 < len(new) <= 6, f"one bug, not a rewrite: {new}"
     assert all(len(line) <= 100 for line in new), "a long line gives the bug away"
     with pytest.raises(SystemExit, match="2"):  # it is in already
-        stages("put")
-    texts = before[file], stages("undo")[file]
-    assert len({" ".join(one.string for one in debug.tokens(text)) for text in texts}) == 1
+        after("put")
+    once, again = ([one.string for one in debug.tokens(text)] for text in (good, after("undo")))
+    assert once == again
 
 
 def test_a_bug_is_found_in_any_layout_and_only_if_it_is_there_once():
@@ -97,8 +81,8 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
         debug.put(name, folder)
         module, begins = catcher(name)
         files = folder.glob(f"tests/**/{module}.py")
-        test = ["-c", IMPORT_THEN_TEST, *files, "-k", f"test_{begins}"]
-        code, said = run(*test, folder=folder)
+        done = run("-c", IMPORT_THEN_TEST, *files, "-k", f"test_{begins}", cwd=folder)
+        code, said = done.returncode, done.stdout + done.stderr
         if not said.startswith("imported\n"):
             return f"{name} is not silent: {said}"
         if code != 1 or "AssertionError" not in said:
@@ -127,7 +111,8 @@ def test_angles_are_wrapped():
 def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, sign, code, says):
     (tmp_path / "mine.py").write_text(STUDENT_S_TEST.format(sign=sign), "utf-8")
     # A console of Windows: it has ± and no α
-    got, said = run(debug.__file__, "mine.py", bug, folder=tmp_path, encoding="cp1252")
-    assert got == code and says in said, said
+    done = run(debug.__file__, "mine.py", bug, cwd=tmp_path, PYTHONIOENCODING="cp1252")
+    said = done.stdout + done.stderr
+    assert done.returncode == code and says in said, said
     assert ("? = " in said and "± 4 rad" in said) == ("must fail" not in says), said
     assert os.listdir(tmp_path) == ["mine.py"], "nothing is left behind"

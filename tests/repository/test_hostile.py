@@ -15,11 +15,11 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from sheet import ROOT
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
-ROOT = Path(__file__).resolve().parents[2]
 EXTREME = {"no friction": {"friction": 0.0}, "no motors": {"torque_limit": (0.1,) * 6}}
 
 

@@ -15,8 +15,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
-
-ROOT = Path(__file__).resolve().parents[2]
+from sheet import ROOT
 
 
 def run(script, *arguments, folder, code=0):

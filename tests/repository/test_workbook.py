@@ -1,6 +1,7 @@
 """The exercises: clean sheets, and a grading that rejects wrong solutions with words that fit."""
 
 import ast
+import io
 import os
 import re
 import shlex
@@ -17,22 +18,23 @@ import workbook
 from solutions import referee
 from solutions.mutants import HARMLESS
 from solutions.referee import graded, text_of
+from test_scripts import main_of
 from workbook import BOOK
 
-ROOT = Path(__file__).resolve().parents[2]
-FOLDER = ROOT / "tests" / "exercises"
+ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
 README = (FOLDER / "README.md").read_text("utf-8")
 
 
 def run(*arguments, cwd=ROOT, **environment):
+    """Python with these arguments, and what it prints."""
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8", **environment}
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
         cwd=cwd,
-        text=True,
-        timeout=300,
+        timeout=900,
         capture_output=True,
-        encoding="utf-8",
-        env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
+        encoding=environment["PYTHONIOENCODING"],
+        env=environment,
     )
 
 
@@ -97,6 +99,13 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     assert run(script, "--out", out, "--force", "--only", "gae").returncode == 0
     assert mine.read_text("utf-8").count("exercise: ") == 1
     assert solved.read_text() == "# solved\n", "files of other exercises stay"
+
+
+@pytest.mark.parametrize("console", [io.StringIO(), None])  # as of a notebook; of pythonw
+def test_a_sheet_can_be_written_whatever_the_console_is(tmp_path, monkeypatch, console):
+    monkeypatch.setattr(sys, "stdout", console)
+    main_of("sheet.py", monkeypatch, "--out", tmp_path / "sheets")
+    assert (tmp_path / "sheets" / "04_ppo.py").is_file()
 
 
 @pytest.mark.parametrize(
