@@ -7,14 +7,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from checks import close, equal
+from checks import BOTH, close, equal
 from numpy.random import default_rng
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
 
 ROBOT = robot_model.RobotModel()
-BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 
 
 @pytest.fixture(autouse=True)

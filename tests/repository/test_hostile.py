@@ -15,6 +15,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from checks import BOTH
 from sheet import ROOT
 from tqdm import tqdm
 
@@ -24,7 +25,7 @@ EXTREME = {"no friction": {"friction": 0.0}, "no motors": {"torque_limit": (0.1,
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+@BOTH
 @pytest.mark.parametrize("extreme", EXTREME)
 def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

@@ -15,7 +15,7 @@ import judge
 import numpy as np
 import PIL.Image
 import pytest
-from checks import close, equal
+from checks import BOTH, close, equal
 from test_scripts import check_picture, main_of
 
 evaluate = import_module("05_evaluate")
@@ -29,7 +29,6 @@ LONGEST = {
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
-EVERY_SIM = pytest.mark.parametrize("sim", ("pymunk", "mujoco"))
 
 
 def shipped(sim, name):
@@ -105,7 +104,7 @@ def test_the_planner_of_readme_gets_there(tmp_path):
 
 
 # ------------------------------------------------------------------------ the table
-@EVERY_SIM
+@BOTH
 def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     evaluation = shipped(sim, "evaluation.json")
     rows = {(row["planner"], row["noise"], row["goal_std_m"]): row for row in evaluation["rows"]}
@@ -123,7 +122,7 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
         assert policy["time_mean"] < min(paper["time_mean"], tuned["time_mean"])
 
 
-@EVERY_SIM
+@BOTH
 def test_evaluation_agrees_with_its_trials(sim):
     """Everything in evaluation.json is computed again; trials.csv has times with two decimals."""
     found, runs = shipped(sim, "evaluation.json"), shipped_trials(sim)
@@ -136,7 +135,7 @@ def test_evaluation_agrees_with_its_trials(sim):
             assert old[name] == (value if exact else pytest.approx(value, rel=1e-9)), name
 
 
-@EVERY_SIM
+@BOTH
 def test_all_planners_had_the_same_goals_and_ground(sim):
     seed, runs = shipped(sim, "evaluation.json")["seed"], shipped_trials(sim)
     for (_, _, std), own in runs.items():
@@ -148,7 +147,7 @@ def test_all_planners_had_the_same_goals_and_ground(sim):
         equal(own["mu"], runs["policy", False, 0.5]["mu"])
 
 
-@EVERY_SIM
+@BOTH
 def test_lines_of_the_shipped_trials_can_be_repeated(sim):
     """Two walks of the policy: the same end; to the bit only on the machine that made them."""
     trials = evaluate.draw_trials(shipped(sim, "evaluation.json")["seed"], 2)

@@ -57,14 +57,14 @@ def by_rule():
                 yield Case(row.name, {node.name: source}, said, "")
 
 
-def emptied(names):
-    """{name: source} of the functions of these exercises in an empty sheet."""
+def emptied(names, exercise, words=""):
+    """A case of this exercise in a sheet where these are empty."""
     functions = {}
     for row in (BOOK[name] for name in names):
         tree = ast.parse(sheet.emptied(text_of(row.name), row))
         nodes = [sheet.function_in(tree, path) for path in row.functions]
         functions |= {node.name: ast.unparse(node) for node in nodes}
-    return functions
+    return Case(exercise, functions, "", words)
 
 
 def put(patch, name, source, mistake):

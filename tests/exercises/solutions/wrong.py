@@ -295,7 +295,7 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
 def bootstrap(statistic, *samples, resamples=2000):
     rng, count = np.random.default_rng(0), len(samples[0])
     if mistake == "without replacement":
-        pick = np.array([rng.permutation(count) for _ in range(resamples)])
+        pick = rng.random((resamples, count)).argsort(1)
         drawn = [sample[pick] for sample in samples]
     else:
         drawn = [sample[rng.integers(count, size=(resamples, count))] for sample in samples]
