@@ -118,7 +118,7 @@ def main():
         else:
             print(judged(args.what, args.bug))
     except ValueError:
-        parser.error(f"{args.bug}: this is done already, or the lines of its stage are others now")
+        parser.error(f"{args.bug}: it is so already, or its lines in the stage were changed")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,6 @@ ORDERED = ast.Sub, ast.Div, ast.MatMult, ast.Mod  # a − b is not b − a
 SYMMETRIC = "clip minimum maximum min max hypot multiply swapaxes".split()  # f(a, b) = f(b, a)
 SAME = "array asarray as_tensor float tuple list".split()  # f(x) holds the same numbers as x
 
-
 SLOW = "improve", "steps_to_go"  # they train or search: with a mistake perhaps for minutes
 HARMLESS = {  # so many mistakes that compute the same, or that nobody should ask for
     "wrap: instead of Add": 1,  # half a turn ahead, or back
