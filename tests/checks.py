@@ -1,7 +1,9 @@
-"""How the tests compare arrays."""
+"""How the tests compare arrays; and a mark: in both simulators."""
 
 import numpy as np
+import pytest
 
+BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 equal = np.testing.assert_array_equal
 
 

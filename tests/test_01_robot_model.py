@@ -222,10 +222,12 @@ def random_joints(rng, count):
 @ROBOTS
 def test_forward_kinematics_equals_mujoco(robot):
     rng = default_rng(0)
-    for joints in random_joints(rng, 50):
-        torso = np.concatenate([rng.normal(size=3), rng.uniform(-1.2, 1.2, 3)])
+    poses = random_joints(rng, 50)
+    torsos = np.concatenate([rng.normal(size=(50, 3)), rng.uniform(-1.2, 1.2, (50, 3))], 1)
+    poses.flags.writeable = False
+    found = robot_model.body_points(robot, torsos, poses)  # [50, 2, 5, 3], [50, 2, 3, 3]
+    for torso, joints, points, turn in zip(torsos, poses, *found):
         model, data = mujoco_at(torso, joints, robot)
-        points, turn = robot_model.body_points(robot, torso, joints)  # [2, 5, 3], [2, 3, 3]
         for leg, (side, sign) in enumerate((("left", 1), ("right", -1))):
             for k, name in enumerate(("thigh", "shin", "foot")):  # a body sits at its upper joint
                 close(
@@ -270,10 +272,11 @@ def test_euler_angles_of_a_quaternion():
 
 @ROBOTS
 def test_leg_inverse_undoes_forward(robot):
-    joints = random_joints(default_rng(2), 500).reshape(-1, 6)
+    joints = random_joints(default_rng(2), 500).reshape(-1, 2, 6)
     points, foot = robot_model.leg_points(robot, joints)
-    got = robot_model.leg_inverse(robot, points[:, 2], foot)
+    got = robot_model.leg_inverse(robot, points[..., 2, :], foot)
     assert got.shape == joints.shape, "positions [..., 3] in, joint angles [..., 6] out"
+    got, joints = got.reshape(-1, 6), joints.reshape(-1, 6)
     wrong = ~np.isclose(got, joints, rtol=0, atol=1e-6).all(0)  # [6] hip 0, 1, 2; knee 3; ankle
     names = np.array(robot_model.JOINTS)
     cause = (
@@ -337,7 +340,16 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     position[0] = 0.0  # the ankle in the hip: no direction to pull along
     foot = robot_model.rotation(*rng.uniform(-3, 3, (3, 2000)))
     joints = robot_model.leg_inverse(ROBOT, position, foot)
-    assert np.isfinite(joints).all(), "arccos and arcsin need their argument clipped to ±1"
+    # A hip that rolls by ±90°, a leg that is straight: of 1 rounding makes more than 1.
+    rolled = random_joints(rng, 100).reshape(-1, 6)
+    rolled[:, 1] = math.pi / 2 * rng.choice([-1, 1], 200)
+    points, turn = robot_model.leg_points(ROBOT, rolled)
+    for length in np.linspace(0.1, 0.3, 20):
+        robot = replace(ROBOT, thigh_length=length)
+        more = robot_model.leg_inverse(robot, 9 * points[:, 2], turn)
+        assert np.isfinite([*joints, *more]).all(), (
+            "arccos and arcsin need their argument clipped to ±1"
+        )
     assert (joints >= ROBOT.joint_min).all() and (joints <= ROBOT.joint_max).all(), (
         "at last clip the angles to the joint limits"
     )
@@ -444,9 +456,11 @@ def test_fall_means_half_the_height_or_45_degrees():
         (0.4, 35, 35, True), (0.4, 180, 0, True),
     )):  # fmt: skip
         height += (standing - 0.4) / 2
-        torso = np.array([7, -7, height, math.radians(roll), math.radians(pitch), 3])
-        got = robot_model.fallen(np.tile(torso, (2, 3, 1)), standing)
-        assert np.shape(got) == (2, 3) and (got == fell).all(), (
+        torso = np.full((2, 3, 6), [7, -7, standing, 0, 0, 3])  # the first three stand
+        torso[1, :, 2:5] = height, math.radians(roll), math.radians(pitch)
+        torso.flags.writeable = False
+        got = robot_model.fallen(torso, standing)
+        assert np.shape(got) == (2, 3) and (got == [[False], [fell]]).all(), (
             f"height {height:.2f} m of {standing} m, roll {roll}°, pitch {pitch}° is "
             f"{('no', 'a')[fell]} fall" + any((roll, pitch)) * ": cos(tilt) = cos roll · cos pitch"
         )

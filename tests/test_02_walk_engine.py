@@ -7,14 +7,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from checks import close, equal
+from checks import BOTH, close, equal
 from numpy.random import default_rng
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
 
 ROBOT = robot_model.RobotModel()
-BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 
 
 def make_engine(sim, num_robots=1):
@@ -159,7 +158,7 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
     plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
     plan.reflex_gain[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
     one = np.array([0])
-    got = plan.feedback(robot, one, np.array([[2, 3, 4]]), np.array([[0.6, 0.8]]))
+    got = plan.feedback(robot, one, np.array([[2, 3, 4]]), np.broadcast_to([0.6, 0.8], (1, 2)))
     assert got.shape == (1, 2, 12), "robots, ticks, joints"
     # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
     want = np.zeros((2, 12))
@@ -187,7 +186,10 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan, limit = standing(3), walk_engine.REFLEX_LIMIT
     plan.reflex_gain[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
     at, rows = np.tile([0, 1, 2], (3, 1)), np.arange(3)
-    got = plan.feedback(ROBOT, rows, at, np.array([[7, 99], [-99, 0], [1.0, 99]]))
+    rates = np.array([[7, 99], [-99, 0], [1.0, 99]])
+    for values in (at, rows, rates):
+        values.flags.writeable = False
+    got = plan.feedback(ROBOT, rows, at, rates)
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
     close(
         got[..., [5, 4, 11, 10]],
@@ -195,6 +197,17 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
         "what is ADDED is limited, to either side; not the rate",
         atol=1e-7,
     )
+
+
+def test_reflex_follows_a_plan_that_waits_and_one_that_has_ended():
+    plan, robot = standing(2), replace(ROBOT, control_dt=0.01)
+    plan.trunk[:, :, 4] = 0.001 * np.arange(6) ** 2  # [rad] at the six samples
+    plan.reflex_gain[:, :, 0] = [0.01, 0.02, 0.03, 0.04, 0.05]  # [s] in the five ticks
+    waits = np.array([[3, 3, 3], [4, 5, 5]])
+    got = plan.feedback(robot, np.array([1, 0]), waits, np.zeros((2, 2)))[..., 4]
+    want = [[0, 0], [-0.05 * 0.009 / 0.02, -0.05 * 0.009 / 0.02]]
+    close(got, want, "the lean between the samples `at`; after the end the gain of the last tick "
+          "(a robot that waits expects no rate)", atol=1e-9)  # fmt: skip
 
 
 LAW = replace(walk_engine.TUNED["mujoco"], capture=0.8, usual_lean=0.03, fade=0.1, wait=8.0,
@@ -232,6 +245,7 @@ def test_capture_step_moves_the_swing_foot_by_the_lean():
 
 def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support_foot():
     over = np.array([-1.0, 0.0, 0.05, 0.10, 0.16, 0.5])
+    over.flags.writeable = False
     want = [1, 1, 1, 0.6, 0.12, 0]
     got = walk_engine.waiting_pace(over, LAW)
     close(got, want, "1 − wait·(over − late_lean): never above 1, never below 0", atol=1e-12)
@@ -352,6 +366,7 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
         left[:1].repeat(waiting + 1, 0),
         "it waits during the double support, on the ground: not even a small way is made",
     )
+    assert np.ptp(left[: waiting + 3, :3], 0).min() > 1e-6, "it waits no longer than that"
     close(
         left[-2, [0, 1, 3]],
         engine.feet[0, 0],
@@ -503,9 +518,9 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
     ways = (np.arange(levels) + 1) / levels
     ways[[2, 3]] = ways[[3, 2]]  # level 3 is faster than level 4
     poses = np.full((4, levels, count + 1, 3), 3.0)  # not from the world's origin
-    poses[:, :, -1] = 9  # and aside
+    poses[:, :, 1:] = 9  # and aside
     for i, (axis, sign) in enumerate(((0, 1), (0, -1), (1, 1), (2, 1))):  # every walk its way
-        poses[i, :, -1, axis] = 3 + sign * ways
+        poses[i, :, -1, axis] = 3 + sign * (1 + i) * ways
     poses, fall = poses.reshape(4 * levels, count + 1, 3), np.full(4 * levels, count)
     forward = walk.highest_speed(poses, fall, period=0.5)["forward"]
     close(
@@ -515,10 +530,10 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
         "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period",
     )
     fall[4::levels] = 2  # level 5 falls
-    for direction, speed in walk.highest_speed(poses, fall, period=0.5).items():
+    for i, (direction, speed) in enumerate(walk.highest_speed(poses, fall, period=0.5).items(), 1):
         close(
             speed,
-            ways[2] / moving,
+            i * ways[2] / moving,
             f"{direction}: of eight levels the third is the fastest below the first one that "
             "fell, and not the last one that stood; a way counts to whichever side",
         )

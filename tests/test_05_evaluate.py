@@ -45,24 +45,21 @@ def command(x, y, yaw=0.0, settings=B):
 
 
 def test_speed_limit_on_each_axis():
-    for x, y, expected in (
-        (5, 0, (0.12, 0)),
-        (-5, 0, (-0.06, 0)),
-        (0, 5, (0, 0.07)),
-        (0, -5, (0, -0.07)),
-    ):
-        found = command(x, y)[:2]
-        equal(
-            np.sign(found.round(6)),
-            np.sign(expected),
-            f"the signs of v: v_x ahead, v_y to the left (for a goal at ({x}, {y}))",
-        )
-        close(
-            found,
-            expected,
-            "forward 0.12, backward 0.06, sideways 0.07 m/s: is backward taken for forward?",
-            atol=1e-6,
-        )
+    for settings, ahead, back, aside in (B, 0.12, 0.06, 0.07), (OTHER, 0.3, 0.1, 0.2):
+        for x, y, expected in (
+            (5, 0, (ahead, 0)),
+            (-5, 0, (-back, 0)),
+            (0, 5, (0, aside)),
+            (0, -5, (0, -aside)),
+        ):
+            close(
+                command(x, y, settings=settings)[:2],
+                expected,
+                f"forward {ahead}, backward {back}, sideways {aside} m/s, v_x ahead, v_y to the left: "
+                "is backward taken for forward? Every limit comes from `settings`, not from the "
+                f"default (for a goal at ({x}, {y}))",
+                atol=1e-6,
+            )
 
 
 def test_speed_far_away_is_on_the_edge_of_the_diamond():
@@ -103,13 +100,6 @@ def test_speed_and_turning_follow_the_settings():
         "every limit and gain comes from `settings`, not from the default; and the gain comes "
         "before the limit: v = min(gain·d, v_max)"
     )
-    for x, y, expected in (5, 0, (0.3, 0)), (-5, 0, (-0.1, 0)), (0, 5, (0, 0.2)):
-        close(
-            command(x, y, settings=OTHER)[:2],
-            expected,
-            f"{hint} (for a goal at ({x}, {y}))",
-            atol=1e-6,
-        )
     close(command(0, 5, settings=OTHER)[2], 0.8, "far: 0.8 rad/s to the left")
     close(command(0.3, 0, 0.2, OTHER)[2], 0.4, "near: 2·α; " + hint)
     close(command(0.5, 0, 0.2, OTHER)[2], 0, "far begins at far_m = 0.4 m")
@@ -124,12 +114,14 @@ def test_speed_of_many_goals_is_that_of_each():
 
 
 def test_the_filter_is_solved_exactly():
-    velocity, command = np.array([[0.02, 0, 0.1]] * 2), np.array([[0.12, 0.2, 0.1]] * 2)
+    slow, fast = [0.02, 0, 0.1], [0.12, 0.2, 0.1]
+    velocity, command = np.array([slow, fast]), np.array([fast, slow])  # one of them brakes
     velocity.flags.writeable = command.flags.writeable = False
     found = evaluate.low_pass(velocity, command, 0.6, 1.5)
+    left = np.array([0.1, 0.2, 0]) * math.exp(-0.4)
     close(
         found,
-        command - [0.1 * math.exp(-0.4), 0.2 * math.exp(-0.4), 0],
+        command - [left, -left],
         "v ← v + (1 − exp(−t/τ))·(v_cmd − v): is the sign right?",
     )
     close(evaluate.low_pass(velocity, command, 0.6, 0), command, "τ = 0: no filter")
@@ -209,6 +201,9 @@ def test_wilson_interval():
     low, high = evaluate.wilson(500, 500)
     assert high == pytest.approx(1) and 0.99 < low < 1, "500 of 500 does not prove 100 %"
     close(evaluate.wilson(0, 500), [1 - high, 1 - low], "not symmetric")
+    assert max(evaluate.wilson(n, n)[1] for n in range(1, 500)) <= 1, (
+        "a share above 1: of (1 + z²/n) / (1 + z²/n) rounding makes more than 1"
+    )
 
 
 def trials(outcomes, times, still_there=None):
@@ -243,13 +238,35 @@ def test_time_ratio_uses_only_goals_that_both_reached():
         "paired: a goal's difficulty cancels out, resample goals, not times",
     )
     far_ones = evaluate.time_ratio(
-        trials(["success"] * 3, [5, 30, 40]), trials(["success"] * 3, [10, 20, 40])
+        trials(["success"] * 4, [5, 30, 40, 8]), trials(["success"] * 4, [10, 20, 40, 10])
     )
-    close(far_ones["time_ratio"], 75 / 70, "a ratio of the means, not a mean of the ratios")
-    close(far_ones["median"], 1, "of the ratios goal by goal: 0.5, 1.5 and 1")
-    close([far_ones["faster"], far_ones["slower"]], 1 / 3, "one of three takes as long")
+    close(far_ones["time_ratio"], 83 / 80, "a ratio of the means, not a mean of the ratios")
+    close(far_ones["median"], 0.9, "of the ratios goal by goal: 0.5, 1.5, 1 and 0.8")
+    close(
+        [far_ones["faster"], far_ones["slower"]],
+        [0.5, 0.25],
+        "two of four take less than the reference, one takes more, one takes as long",
+    )
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
+
+
+def test_time_ratio_s_bootstrap_is_that_of_theory():
+    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
+    close((low + high) / 2, sample.mean(), atol=0.03)
+    close(
+        high - low,
+        2 * 1.96 * sample.std() / 20,
+        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are",
+        rtol=0.07,
+    )
+    assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
+        "what belongs together is drawn together"
+    )
+    seen = []
+    evaluate.bootstrap(lambda drawn: seen.extend(drawn) or drawn.mean(1), sample, resamples=7)
+    assert len(seen) == 7, "as many resamples as are asked for"
 
 
 def test_time_ratio_s_interval_covers_the_truth():
@@ -268,21 +285,6 @@ def test_time_ratio_s_interval_covers_the_truth():
     )
 
 
-def test_time_ratio_s_bootstrap_is_that_of_theory():
-    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
-    low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
-    close((low + high) / 2, sample.mean(), atol=0.03)
-    close(
-        high - low,
-        2 * 1.96 * sample.std() / 20,
-        "95 % of a normal distribution are ± 1.96 σ/√n: 2.5 and 97.5 %, of as many as there are",
-        rtol=0.07,
-    )
-    assert [*evaluate.bootstrap(lambda a, b: (a - b).mean(1), sample, sample)] == [0, 0], (
-        "what belongs together is drawn together"
-    )
-
-
 def test_summary_counts_episodes_and_times_successes():
     row = row_of("policy", False, 0.5)
     assert (row["success"], row["fall"], row["timeout"]) == (0.5, 0.25, 0.25)
@@ -291,6 +293,8 @@ def test_summary_counts_episodes_and_times_successes():
     assert row["reached_once"] == 0.75, "by the paper's rule: at the goal after one double step"
     assert row["time_once_mean"] == 6, "(4 + 6 + 8) / 3 s, of all who were there once"
     close(row["time_once_std"], math.sqrt(8 / 3), atol=1e-3)
+    late = row_of("policy", False, 0.5, FOUR | {"reached_once": np.full(4, True)})
+    assert late["fall_once"] == 0, "who has been there has arrived, by its rule"
 
 
 def test_summary_without_a_success_is_valid_json():
@@ -544,6 +548,7 @@ def refused(*arguments):
 @pytest.mark.parametrize("text", [
     "", "x,y,yaw\n", "x,y,yaw\n1,2\n", "x,y,yaw\n1,2,3,4\n", "x,y,yaw\n1,two,3\n",
     "x,y,yaw\n1,2,3\n1,nan,3\n", "x,y,yaw\n" + 10_001 * "0,0,0\n", "x,y,yaw\n1e300,0,0\n",
+    "x,y,yaw\n0,-1000,0\n",
     "x,y,yaw\n\xe9\xe9,1,1\n", None,
 ], ids=lambda text: repr(text)[:30])  # fmt: skip
 def test_a_malformed_goals_file_is_one_line(short_trials, text):

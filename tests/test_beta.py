@@ -6,15 +6,21 @@ import numpy as np
 import pytest
 import torch
 from checks import close
+from numpy.random import default_rng
 
 exercise = import_module("beta")  # tests/exercises/beta.py, or a student's
 SHAPES = [(1.0, 1.0), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0), (1.0, 3.0)]
 
 
+@torch.inference_mode()
+def given(*lists, dtype=torch.float64):
+    """A tensor for each, which cannot be written to."""
+    return [torch.tensor(numbers, dtype=dtype) for numbers in lists]
+
+
 def some_shapes():
     """α and β of four times three variables, and their distribution by PyTorch."""
-    torch.manual_seed(0)
-    a, b = 1 + 5 * torch.rand(2, 4, 3, dtype=torch.float64)
+    a, b = given(*default_rng(0).uniform(1, 6, (2, 4, 3)))
     return a, b, torch.distributions.Beta(a, b)
 
 
@@ -82,7 +88,7 @@ def test_beta_entropy_of_the_uniform_distribution_is_zero(alone):
 @pytest.mark.parametrize("a, b", SHAPES[1:])
 def test_beta_mode_is_where_the_density_is_largest(a, b):
     x = torch.linspace(0, 1, 10_001, dtype=torch.float64)[1:-1, None]
-    a, b = torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)
+    a, b = given([a], [b])
     best = x[torch.distributions.Beta(a, b).log_prob(x).argmax()].item()
     close(
         exercise.beta_mode(a, b).item(),
@@ -94,7 +100,7 @@ def test_beta_mode_is_where_the_density_is_largest(a, b):
 
 def test_beta_mode_stays_inside_where_the_formula_is_nearly_zero_by_zero(alone):
     tiny = np.float32(2.0**-23)
-    a, b = torch.tensor([1.0, 1.0 + tiny, 1.0]), torch.tensor([1.0, 1.0, 1.0 + tiny])
+    a, b = given([1.0, 1.0 + tiny, 1.0], [1.0, 1.0, 1.0 + tiny], dtype=torch.float32)
     close(
         exercise.beta_mode(a, b),
         [0.5, 1.0, 0.0],

@@ -1,80 +1,124 @@
-"""Does your test catch a silent bug of debug.md?
+"""Puts a silent bug of debug.md into a stage, takes it out, or says if your test catches it.
 
-    python tests/exercises/debug.py mine.py tired
+    python tests/exercises/debug.py put tired
+    python tests/exercises/debug.py tests/test_mine.py tired
+    python tests/exercises/debug.py undo tired
 
-Runs the tests in mine.py twice, in a copy of the repository: they must pass without the bug and
-fail with it, by an assertion. Your own files stay as they are.
+The second runs your test twice, in a copy of the repository: it must pass without the bug and fail
+with it, by an assertion. Your own files stay as they are.
 """
 
-import argparse
+import io
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import tokenize
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
+from workbook import any_console
+
 ROOT = Path(__file__).resolve().parents[2]
-BUGS = ROOT / "tests" / "exercises" / "bugs"
+BUGS = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
+
+
+def read_bug(name):
+    """(the stage's file, its old text, the bug's text): the first line, those with − and with +."""
+    file, *lines = (BUGS / f"{name}.txt").read_text("utf-8").splitlines()
+    old, new = ("\n".join(line[2:] for line in lines if line[0] == mark) for mark in "-+")
+    return file, old, new
+
+
+def tokens(source):
+    """The tokens of Python code, without line ends, indentation and comments."""
+    found = tokenize.generate_tokens(io.StringIO(source).readline)
+    return [one for one in found if one.type != tokenize.COMMENT and one.string.strip()]
+
+
+def exchanged(source, old, new):
+    """The source with `new` in the place of `old`, whose tokens must be there once, in any layout."""
+    found, wanted = tokens(source), [one.string for one in tokens(old)]
+    words = [one.string for one in found]
+    count = len(wanted)
+    places = [k for k in range(len(words)) if words[k : k + count] == wanted]
+    if len(places) != 1:
+        raise ValueError(f"these lines must be there once, and are {len(places)} times:\n{old}")
+    lines = [*io.StringIO(source)]
+    (first, left), (last, right) = found[places[0]].start, found[places[0] + count - 1].end
+    changed = lines[first - 1][:left] + new.replace("\n", "\n" + " " * left)
+    lines[first - 1 : last] = [changed + lines[last - 1][right:]]
+    return "".join(lines)
+
+
+def put(name, folder, undo=False):
+    """Puts a bug into the stage in a folder, or takes it out."""
+    file, *texts = read_bug(name)
+    source = (folder / file).read_bytes().decode("utf-8")
+    (folder / file).write_bytes(exchanged(source, *texts[:: -1 if undo else 1]).encode("utf-8"))
 
 
 def copied(folder):
     """The stages and what tests may import, in this folder."""
     for path in [*ROOT.glob("0*.py"), ROOT / ".pytest.ini"]:
         shutil.copy(path, folder)
-    shutil.copytree(ROOT / "tests", folder / "tests", ignore=shutil.ignore_patterns("__pycache__"))
+    hidden = shutil.ignore_patterns("__pycache__", "bugs")
+    shutil.copytree(ROOT / "tests", folder / "tests", ignore=hidden)
 
 
 def tested(folder):
     """(exit code of pytest, what it says) for the student's test."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-p",
-        "no:cacheprovider",
-        "tests/test_of_mine.py",
-    ]
-    done = subprocess.run(command, cwd=folder, capture_output=True, encoding="utf-8", check=False)
+    command = "-m pytest -q -p no:cacheprovider tests/test_of_mine.py".split()
+    done = subprocess.run(
+        [sys.executable, *command],
+        cwd=folder,
+        capture_output=True,
+        encoding="utf-8",
+        errors="replace",
+        env=os.environ | {"PYTHONIOENCODING": "utf-8"},  # a Windows pipe has another one
+    )
     return done.returncode, done.stdout + done.stderr
 
 
-def main():
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("file", type=Path, help="your test")
-    parser.add_argument("bug", choices=sorted(path.stem for path in BUGS.glob("*.patch")))
-    args = parser.parse_args()
-    if not args.file.is_file():
-        parser.error(f"{args.file}: no such file")
-    if shutil.which("git") is None:
-        parser.error("patches are applied by git, which is not installed")
+def judged(file, bug):
+    """What is said about the test in a file; SystemExit if it does not catch the bug."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copied(folder)
-        shutil.copy(args.file, folder / "tests" / "test_of_mine.py")
+        shutil.copy(file, folder / "tests" / "test_of_mine.py")
         code, said = tested(folder)
         if code != 0:
             sys.exit(f"{said}\nWithout the bug your test must pass, and it does not.")
-        # git must not take the copy for a part of a repository around it.
-        subprocess.run(
-            ["git", "apply", BUGS / f"{args.bug}.patch"],
-            cwd=folder,
-            check=True,
-            env={**os.environ, "GIT_CEILING_DIRECTORIES": str(folder.parent)},
-        )
+        put(bug, folder)
         code, said = tested(folder)
-        if code != 1 or "AssertionError" not in said:
-            sys.exit(
-                f"{said}\nYour test passes without the bug. With {args.bug} it must fail by "
-                "an assertion, and it does not."
-            )
-    print(
-        f"{said}\nYour test passes without the bug and fails with {args.bug}: well done. Does "
-        "the message above say what is wrong?"
+    if code != 1 or "AssertionError" not in said:
+        sys.exit(
+            f"{said}\nYour test passes without the bug. With {bug} it must fail by an assertion, "
+            "and it does not."
+        )
+    return (
+        f"{said}\nYour test passes without the bug and fails with {bug}: well done. Does the "
+        "message above say what is wrong?"
     )
+
+
+def main():
+    any_console()
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
+    parser.add_argument("what", help="put, undo, or the file of your test")
+    parser.add_argument("bug", choices=sorted(path.stem for path in BUGS.glob("*.txt")))
+    args = parser.parse_args()
+    try:
+        if args.what in ("put", "undo"):
+            put(args.bug, ROOT, undo=args.what == "undo")
+            print(f"{args.bug} is {'in' if args.what == 'put' else 'out'}")
+        elif not Path(args.what).is_file():
+            parser.error(f"{args.what}: no such file")
+        else:
+            print(judged(args.what, args.bug))
+    except ValueError:
+        parser.error(f"{args.bug}: it is so already, or its lines in the stage were changed")
 
 
 if __name__ == "__main__":

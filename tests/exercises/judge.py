@@ -106,6 +106,12 @@ def noisy(folder):
     return found
 
 
+def shown(file):
+    """What a contestant is called: its file's name, with ? for what is no letter of UTF-8 or would
+    mean something in a table or a picture."""
+    return "".join(c if c.isprintable() and c not in "$|`\\" else "?" for c in file.stem)
+
+
 def plot(found, path):
     """Points as bars, with their intervals; the best on top."""
     names, scores = ranked(found)
@@ -170,7 +176,11 @@ class Contestant:
         self.process = context.Process(target=serve, args=(theirs, copy), daemon=True)
         self.process.start()
         theirs.close()
-        self.answer(60 + patience)  # it imports PyTorch first
+        try:
+            self.answer(60 + patience)  # it imports PyTorch first
+        except LeftOut:
+            self.close()
+            raise
 
     def answer(self, patience, size=5):
         """The bytes that come back in time, `size` of them at most."""
@@ -231,12 +241,13 @@ def read_arguments():
     """The command line, and the files of the contestants."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py or FOLDER")
-    parser.add_argument("--seed", type=int, nargs="+", default=[0, 1])
+    parser.add_argument("--seed", type=int, nargs="+", default=[0, 1], dest="seeds")
     parser.add_argument("--episodes", type=int, default=500)
     parser.add_argument("--patience", type=float, default=20, help="[s] for a decision")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "contest")
+    parser.set_defaults(sim="mujoco", seed=0)
     args = parser.parse_args()
-    if args.episodes < 1 or min(args.seed) < 0 or args.patience <= 0:
+    if args.episodes < 1 or min(args.seeds) < 0 or args.patience <= 0:
         parser.error("--episodes from 1, --seed from 0, --patience above 0")
     files = []
     for path in args.files:
@@ -245,7 +256,7 @@ def read_arguments():
         files += sorted(path.glob("*.py")) if path.is_dir() else [path]
     if args.files and not files:
         parser.error("no .py file in there")
-    if len({file.stem for file in files} | set(FIELD)) < len(files) + len(FIELD):
+    if len({shown(file) for file in files} | set(FIELD)) < len(files) + len(FIELD):
         parser.error("two planners of one name: give every file a name of its own")
     return args, files
 
@@ -255,26 +266,32 @@ def main():
     if not files:
         print(ranking(noisy(ROOT / "results" / "mujoco")))
         return
-    args.out.mkdir(parents=True, exist_ok=True)
+    out = robot_model.output_folder(args)
     shipped = ROOT / "results" / "mujoco" / "policy.pt"
     with common.world("mujoco", num_robots=1) as world:
         field, _, _ = evaluate.choose_planners(world, [shipped])
-    found, note = {}, f"Seeds {args.seed}, {args.episodes} walks each."
+    found, note = {}, f"Seeds {args.seeds}, {args.episodes} walks each."
     for place in (*FIELD, *files):
-        name = place if place in FIELD else place.stem
+        name = place if place in FIELD else shown(place)
         print(f"{name} walks", flush=True)
         planner = None
         try:
             planner = field[name] if place in FIELD else Contestant(place.resolve(), args.patience)
-            found[name] = walk(planner, name, args.seed, args.episodes)
-        except (LeftOut, ValueError) as error:
+            found[name] = walk(planner, name, args.seeds, args.episodes)
+        except (LeftOut, ValueError, OSError) as error:  # OSError: its file cannot be read
             print(f"{name} is left out: {error}", file=sys.stderr)
         finally:
             if isinstance(planner, Contestant):
                 planner.close()
-        robot_model.write_text(args.out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
-        plot(found, args.out / "leaderboard.png")
-    print(f"{note}\n\n{ranking(found)}\nwritten: leaderboard.md and .png in {args.out}")
+        try:
+            robot_model.write_text(out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
+            plot(found, out / "leaderboard.png")
+        except (
+            OSError,
+            robot_model.InputError,
+        ) as error:  # a full disk, say; the others still walk
+            print(f"not written: {error}", file=sys.stderr)
+    print(f"{note}\n\n{ranking(found)}\nleaderboard.md and .png are in {out}")
 
 
 if __name__ == "__main__":

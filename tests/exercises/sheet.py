@@ -8,11 +8,10 @@ Docstrings stay, and comments, for they hold the equations. What is there is ove
 """
 
 import ast
-import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
-from workbook import BOOK, command
+from workbook import BOOK, any_console, command
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -73,7 +72,7 @@ def sheets(names):
 
 
 def main():
-    sys.stdout.reconfigure(errors="replace")  # a Windows console may have no ★
+    any_console()
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--only", nargs="+", metavar="NAME", help="the functions to be emptied")
     parser.add_argument("--out", type=Path, default=ROOT / "exercises", metavar="FOLDER")

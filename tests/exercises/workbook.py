@@ -2,6 +2,7 @@
 ../repository/grading.py grades it, ../repository/test_workbook.py checks that README.md beside this file agrees.
 """
 
+import sys
 from collections import namedtuple
 
 Exercise = namedtuple(
@@ -28,6 +29,8 @@ ROWS = (
     ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
     ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_01_robot_model", "leg_inverse", "inverse_")),
     ("reflex", ENGINE, ("WalkPlan.feedback",), 2, 40, ("test_02_walk_engine", "reflex_")),
+    ("capture", ENGINE, ("capture_step", "waiting_pace"), 2, 40,
+     ("test_02_walk_engine", "capture_", "waiting_")),
     ("quintic", ENGINE, ("quintic",), 2, 30, ("test_02_walk_engine", "quintic_", "rest_to_rest")),
     ("swing", ENGINE, ("WalkEngine._swing",), 3, 60,
      ("test_02_walk_engine", "swing_", "all_zero", "plans_of_many")),
@@ -66,6 +69,13 @@ def graded_by(exercise, module, test):
     """Does this test (names without .py and parameters) grade the exercise?"""
     grader, *beginnings = exercise.tests
     return module == grader and test.removeprefix("test_").startswith(tuple(beginnings))
+
+
+def any_console():
+    """Lets the console show ? for a letter that it lacks, as one of Windows may lack ★."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a notebook's stream has none, and pythonw no stream
+            stream.reconfigure(errors="replace")
 
 
 def command(name, folder="exercises"):

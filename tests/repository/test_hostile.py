@@ -6,21 +6,21 @@ import subprocess
 import sys
 from dataclasses import replace
 from importlib import import_module
-from pathlib import Path
 from unittest import mock
 
 import numpy as np
 import pytest
+from checks import BOTH
+from sheet import ROOT
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
-ROOT = Path(__file__).resolve().parents[2]
 EXTREME = {"no friction": {"friction": 0.0}, "no motors": {"torque_limit": (0.1,) * 6}}
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+@BOTH
 @pytest.mark.parametrize("extreme", EXTREME)
 def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)

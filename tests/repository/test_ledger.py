@@ -6,6 +6,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from test_scripts import told
 from workbook import BOOK  # of tests/exercises
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -67,8 +68,7 @@ def test_every_exercise_belongs_to_a_lesson(kind):
 @pytest.mark.parametrize("name", ["circle", "sharpness"])
 def test_the_quick_experiments_print_what_is_told(name, capsys):
     import_module("predict").EXPERIMENTS[name]("pymunk")
-    for line in capsys.readouterr().out.splitlines():
-        assert line.strip() in TEXT["predict.md"], f"predict.md does not show {line!r}"
+    assert capsys.readouterr().out.splitlines() == told(name), "predict.md shows it"
 
 
 @pytest.mark.parametrize("name", ["foot_rise", "double_support"])

@@ -1,13 +1,13 @@
 """The shipped evidence: complete, of the shipped planners, and rightly told in words."""
 
 import json
+import os
 import re
 import subprocess
 import sys
 from functools import cache
 from importlib import import_module
 from itertools import product
-from pathlib import Path
 
 import baseline
 import common
@@ -15,13 +15,12 @@ import judge
 import numpy as np
 import PIL.Image
 import pytest
-from checks import close, equal
-from test_scripts import check_picture
+from checks import BOTH, close, equal
+from test_scripts import check_picture, main_of
 
 evaluate = import_module("05_evaluate")
 env = evaluate.env
-ROOT = Path(__file__).resolve().parents[2]
-RESULTS = ROOT / "results"
+ROOT, RESULTS = common.ROOT, common.RESULTS
 LONGEST = {
     "README.md": 170,
     "results/STUDIES.md": 240,  # lines
@@ -30,7 +29,6 @@ LONGEST = {
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
-EVERY_SIM = pytest.mark.parametrize("sim", ("pymunk", "mujoco"))
 
 
 def shipped(sim, name):
@@ -106,7 +104,7 @@ def test_the_planner_of_readme_gets_there(tmp_path):
 
 
 # ------------------------------------------------------------------------ the table
-@EVERY_SIM
+@BOTH
 def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
     evaluation = shipped(sim, "evaluation.json")
     rows = {(row["planner"], row["noise"], row["goal_std_m"]): row for row in evaluation["rows"]}
@@ -124,7 +122,7 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
         assert policy["time_mean"] < min(paper["time_mean"], tuned["time_mean"])
 
 
-@EVERY_SIM
+@BOTH
 def test_evaluation_agrees_with_its_trials(sim):
     """Everything in evaluation.json is computed again; trials.csv has times with two decimals."""
     found, runs = shipped(sim, "evaluation.json"), shipped_trials(sim)
@@ -137,7 +135,7 @@ def test_evaluation_agrees_with_its_trials(sim):
             assert old[name] == (value if exact else pytest.approx(value, rel=1e-9)), name
 
 
-@EVERY_SIM
+@BOTH
 def test_all_planners_had_the_same_goals_and_ground(sim):
     seed, runs = shipped(sim, "evaluation.json")["seed"], shipped_trials(sim)
     for (_, _, std), own in runs.items():
@@ -149,7 +147,7 @@ def test_all_planners_had_the_same_goals_and_ground(sim):
         equal(own["mu"], runs["policy", False, 0.5]["mu"])
 
 
-@EVERY_SIM
+@BOTH
 def test_lines_of_the_shipped_trials_can_be_repeated(sim):
     """Two walks of the policy: the same end; to the bit only on the machine that made them."""
     trials = evaluate.draw_trials(shipped(sim, "evaluation.json")["seed"], 2)
@@ -209,13 +207,14 @@ def test_shipped_files_show_something_and_have_a_study():
 
 
 # ------------------------------------------------------------------------ the contest
+ROW = {"time_mean": 5.0, "fall": 0.01, "timeout": 0.02, "still_there": 0.8, "time_median": 5.0}
+ROW |= {"falls": 1, "walks": [["success", "success"], [5.0, 6.0]]}
+
+
 def test_who_never_arrives_or_leaves_is_disqualified():
     """All else about points is compared with the shipped ranking in test_ledger."""
-    row = {"time_mean": 5.0, "fall": 0.01, "timeout": 0.02, "still_there": 0.8}
-    row |= {"time_median": 5.0, "falls": 1}
-    row["walks"] = [["success", "success"], [5.0, 6.0]]
-    never, leaves = row | {"time_mean": None, "still_there": None}, row | {"still_there": 0.6}
-    rows = {"never.py": [never] * 2, "leaves.py": [row, leaves], "good.py": [row] * 2}
+    never, leaves = ROW | {"time_mean": None, "still_there": None}, ROW | {"still_there": 0.6}
+    rows = {"never.py": [never] * 2, "leaves.py": [ROW, leaves], "good.py": [ROW] * 2}
     best, *others = judge.ranking(rows).splitlines()[2:]
     assert "good.py" in best and ["disqualified" in line for line in others] == [True, True]
 
@@ -224,10 +223,30 @@ def test_contestants_of_one_name_are_refused(tmp_path, monkeypatch, capsys):
     for name in ("ada", "bob"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "mine.py").touch()
-    monkeypatch.setattr("sys.argv", ["judge.py", str(tmp_path / "ada"), str(tmp_path / "bob")])
-    with pytest.raises(SystemExit) as stop:
-        judge.main()
-    assert stop.value.code == 2 and "name of its own" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        main_of("judge.py", monkeypatch, tmp_path / "ada", tmp_path / "bob")
+    assert "name of its own" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="such names are not allowed there")
+def test_neither_odd_names_nor_a_full_disk_end_the_contest(tmp_path, monkeypatch, capsys):
+    for name in (b"ada", b"Zo\xeb", b"a$^$", b"b|c\n"):
+        (tmp_path / f"{os.fsdecode(name)}.py").touch()
+    (tmp_path / "folder.py").mkdir()
+    monkeypatch.setattr(judge, "walk", lambda *_: [ROW] * 3)
+    monkeypatch.setattr(judge.Contestant, "answer", lambda *_: b"ready")
+    board = tmp_path / "out" / "leaderboard.md"
+    for fails in (False, True):
+        main_of("judge.py", monkeypatch, tmp_path, "--out", board.parent)
+        said = capsys.readouterr()
+        names = re.findall(r"^\| `(.*?)` +\| ", said.out, re.MULTILINE)
+        assert {*names} == {*judge.FIELD, "ada", "Zo?", "a?^?", "b?c?"}
+        assert "folder is left out: " in said.err and ("not written: " in said.err) == fails
+        if not fails:
+            board.unlink()
+            board.mkdir()  # nothing can be written there
+    with pytest.raises(judge.robot_model.InputError, match="cannot write to .*ada.py"):
+        main_of("judge.py", monkeypatch, tmp_path, "--out", tmp_path / "ada.py" / "out")
 
 
 # Each of these files first defines README's honest planner; the world is not where they look.

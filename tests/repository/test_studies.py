@@ -148,6 +148,8 @@ def test_blocks_are_as_high_as_drawn_and_flat_where_the_robots_stand():
     for *heights, stands in found:
         assert stands == pytest.approx(0, abs=1e-6), "where it stands it is flat"
         assert 0 <= min(heights) < 0.002 and 0.008 < max(heights) <= 0.01, "from 0 to the highest"
+        parts = np.quantile(heights, [0.25, 0.75])
+        assert parts == pytest.approx([0.0025, 0.0075], abs=0.0015), "evenly"
     assert np.abs(found[0] - found[1]).max() > 0.003, "every robot has a floor of its own"
 
 

@@ -1,8 +1,6 @@
 """The exercises: clean sheets, and a grading that rejects wrong solutions with words that fit."""
 
 import ast
-import contextlib
-import functools
 import io
 import os
 import re
@@ -10,8 +8,6 @@ import shlex
 import subprocess
 import sys
 from collections import Counter
-from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,22 +15,26 @@ import grading
 import pytest
 import sheet
 import workbook
+from solutions import referee
+from solutions.mutants import HARMLESS
+from solutions.referee import emptied, graded, text_of
+from test_scripts import main_of
 from workbook import BOOK
 
-ROOT = Path(__file__).resolve().parents[2]
-FOLDER = ROOT / "tests" / "exercises"
+ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
 README = (FOLDER / "README.md").read_text("utf-8")
 
 
 def run(*arguments, cwd=ROOT, **environment):
+    """Python with these arguments, and what it prints."""
+    environment = {**os.environ, "PYTHONIOENCODING": "utf-8", **environment}
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
         cwd=cwd,
-        text=True,
-        timeout=300,
+        timeout=900,
         capture_output=True,
-        encoding="utf-8",
-        env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
+        encoding=environment["PYTHONIOENCODING"],
+        env=environment,
     )
 
 
@@ -49,10 +49,6 @@ def last_words(done):
     _, found, words = done.stdout.rpartition(" what to mend ")
     assert found, f"the grading does not come to its end:\n{done.stdout[-2000:]}"
     return words
-
-
-def text_of(name):
-    return sheet.find(BOOK[name].file).read_text("utf-8")
 
 
 def test_readme_and_list_agree():
@@ -103,6 +99,13 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     assert run(script, "--out", out, "--force", "--only", "gae").returncode == 0
     assert mine.read_text("utf-8").count("exercise: ") == 1
     assert solved.read_text() == "# solved\n", "files of other exercises stay"
+
+
+@pytest.mark.parametrize("console", [io.StringIO(), None])  # as of a notebook; of pythonw
+def test_a_sheet_can_be_written_whatever_the_console_is(tmp_path, monkeypatch, console):
+    monkeypatch.setattr(sys, "stdout", console)
+    main_of("sheet.py", monkeypatch, "--out", tmp_path / "sheets")
+    assert (tmp_path / "sheets" / "04_ppo.py").is_file()
 
 
 @pytest.mark.parametrize(
@@ -244,132 +247,41 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
     assert said("TypeError: no such thing") == "TypeError: no such thing"
 
 
-PLACE = {path.split(".")[-1]: (row, path) for row in BOOK.values() for path in row.functions}
-
-
-def solutions(file):
-    """(function's node, its mistake, words of the grader) for all of right.py or of wrong.py."""
-    for node in ast.parse((FOLDER / "solutions" / file).read_text("utf-8")).body:
-        if isinstance(node, ast.FunctionDef) and node.name in PLACE:
-            marks = [[ast.literal_eval(text) for text in mark.args] for mark in node.decorator_list]
-            node.decorator_list = []
-            for mistake, words in marks or [(ast.get_docstring(node), "")]:
-                yield node, mistake, words
-
-
-def making(function, mistake):
-    """The function, with its last argument."""
-
-    @functools.wraps(function)
-    def call(*args, **kwargs):
-        return function(*args, **kwargs, mistake=mistake)
-
-    return call
-
-
-def put(patch, node, mistake):
-    """A function takes the place of that of its name, wherever a module of ours has it."""
-    row, path = PLACE[node.name]
-    module = import_module(row.file)
-    owner = attrgetter(path.rpartition(".")[0])(module) if "." in path else module
-    # Outside of its class a method cannot say super().
-    source = ast.unparse(node).replace("super()", f"super({path.partition('.')[0]}, self)")
-    written = {}
-    exec(source, vars(module), written)  # it sees what stands in its module
-    old, new = getattr(owner, node.name), written[node.name]
-    if any(argument.arg == "mistake" for argument in [*node.args.args, *node.args.kwonlyargs]):
-        new = making(new, mistake)
-    if owner is not module:
-        patch.setattr(owner, node.name, new)
-        return
-    for place in list(sys.modules.values()):
-        for name, value in list(getattr(place, "__dict__", {}).items()):
-            if value is old:
-                patch.setattr(place, name, new)
-
-
-class Referee:
-    """A plugin of pytest: runs the tests of an exercise once for each case: an exercise, [(node,
-    mistake)] of the functions that take our places, words. `said` gets a list for each case: what
-    the failing tests say, at most four as a student reads, none after these words.
-    """
-
-    def __init__(self, cases):
-        self.cases, self.said = cases, []
-
-    def pytest_runtestloop(self, session):
-        for name, functions, words in self.cases:
-            grader, *beginnings = BOOK[name].tests
-            # In the order of workbook.py, where the tests that train come last.
-            tests, said = [], []
-            for beginning in beginnings:
-                found = [
-                    item
-                    for item in session.items
-                    if item.path.stem == grader
-                    and item.originalname.startswith(f"test_{beginning}")
-                ]
-                tests += found
-                if not found:
-                    said.append(f"{grader}.py cannot be imported, or has no test_{beginning}…")
-            self.said.append(said)
-            with pytest.MonkeyPatch.context() as patch:
-                for node, mistake in functions:
-                    put(patch, node, mistake)
-                for item in tests:
-                    item.ihook.pytest_runtest_protocol(item=item, nextitem=None)
-                    if len(said) == 4 or any(words in text for text in said):
-                        break
-        return True
-
-    def pytest_runtest_logreport(self, report):
-        if report.failed and grading.hint(report) not in self.said[-1]:
-            self.said[-1].append(grading.hint(report))
-
-
-def graded(cases):
-    """What the failing tests say, a list for each case."""
-    referee, printed = Referee(cases), io.StringIO()
-    files = {str(ROOT / "tests" / f"{BOOK[name].tests[0]}.py") for name, _, _ in cases}
-    with contextlib.redirect_stdout(printed):
-        code = pytest.main([*sorted(files), "--tb=native", "-p", "no:cacheprovider"], [referee])
-    assert code in (0, 1) and len(referee.said) == len(cases), printed.getvalue()[-2000:]
-    return referee.said
-
-
-def empty(names):
-    """[(node, "")] of the functions of these exercises in an empty sheet."""
-    trees = [(BOOK[name], ast.parse(sheet.emptied(text_of(name), BOOK[name]))) for name in names]
-    return [(sheet.function_in(tree, path), "") for row, tree in trees for path in row.functions]
-
-
 @pytest.mark.parametrize("file", ["wrong.py", "right.py"])
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(file, trains):
-    found = [
-        (PLACE[node.name][0].name, [(node, mistake)], words)
-        for node, mistake, words in solutions(file)
-        if (node.name == "improve") == trains
-    ]
+    cases = [case for case in referee.written(file) if (case.exercise == "improve") == trains]
     problems = [
-        f"{name}: “{mistake}” must get “{words or 'no complaint'}”, but gets {said}"
-        for (name, ((_, mistake),), words), said in zip(found, graded(found))
-        if not (any(words in text for text in said) if words else not said)
+        f"{case.exercise}: “{case.mistake}” must get “{case.words or 'no complaint'}”, but gets {said}"
+        for case, said in zip(cases, graded(cases))
+        if not (any(case.words in text for text in said) if case.words else not said)
     ]
     assert not problems, "\n".join(problems)
 
 
-def test_every_exercise_has_wrong_and_right_solutions_which_are_few_lines():
-    lines = 0
-    for file, least in (("wrong.py", 5), ("right.py", 2)):
-        counts = Counter(PLACE[node.name][0].name for node, *_ in solutions(file))
-        assert all(counts[name] >= least for name in BOOK), f"{file}: {counts}"
-        lines += len((FOLDER / "solutions" / file).read_text("utf-8").splitlines())
-    assert lines <= 2000
+@pytest.mark.filterwarnings("ignore::SyntaxWarning")  # of mistakes
+def test_small_mistakes_by_rule_are_rejected_in_words():
+    cases, passed = [*referee.by_rule()], []
+    assert len(cases) > 1000
+    for case, said in zip(cases, graded(cases)):
+        assert not any(": assert " in text for text in said), f"{said} tells no student anything"
+        passed += [case.mistake] * (not said)
+    counts = Counter(mistake.split(", in: ")[0] for mistake in passed)
+    assert counts <= Counter(HARMLESS), (
+        "Nothing rejects these mistakes. Sharpen a test; if a function with the mistake computes "
+        f"the same, count it in HARMLESS: {counts - Counter(HARMLESS)}, of\n" + "\n".join(passed)
+    )
+
+
+def test_every_exercise_has_right_solutions_in_other_ways_and_all_solutions_are_few_lines():
+    counts = Counter(case.exercise for case in referee.written("right.py"))
+    assert all(counts[name] >= 2 for name in BOOK), counts
+    files = (FOLDER / "solutions").glob("*.py")
+    assert sum(len(file.read_text("utf-8").splitlines()) for file in files) <= 1500
 
 
 def test_every_emptied_function_is_rejected():
-    results = graded([(name, empty([name]), "not written yet") for name in BOOK])
+    results = graded([emptied([name], name, "not written yet") for name in BOOK])
     for name, said in zip(BOOK, results):
         assert said == [f"{name} is not written yet"], name
 
@@ -387,7 +299,7 @@ def needs(name, known=frozenset()):
 
 @pytest.mark.slow
 def test_an_exercise_passes_and_needs_no_more_than_readme_says():
-    results = graded([(name, empty(BOOK.keys() - needs(name)), "") for name in BOOK])
+    results = graded([emptied(BOOK.keys() - needs(name), name) for name in BOOK])
     problems = [
         f"{name}: README.md says it needs {sorted(needs(name) - {name})}, but {said}"
         for name, said in zip(BOOK, results)

@@ -49,8 +49,8 @@ def leg_points(robot, joints):
     zero = np.zeros(joints.shape[:-1])
     down = np.array([0.0, 0.0, -1.0])
     turn = rotation(zero, zero, joints[..., 0]) @ rotation(joints[..., 1], zero, zero)
+    hip = robot.hip_x * turn[..., 0]
     turn = turn @ rotation(zero, joints[..., 2], zero)
-    hip = np.zeros((*joints.shape[:-1], 3))
     knee = hip + turn @ (robot.thigh_length * down)
     turn = turn @ rotation(zero, joints[..., 3], zero)
     ankle = knee + turn @ (robot.shin_length * down)
@@ -69,11 +69,13 @@ def leg_points(robot, joints):
         hip = rotation(roll, 0.0, yaw)
         thigh, shin, flat = (hip @ rotation(0.0, a, 0.0) for a in np.cumsum(pitches))
         foot = flat @ rotation(ankle_roll, 0.0, 0.0)
-        points[i, 1] = thigh @ np.array([0, 0, -robot.thigh_length])
-        points[i, 2] = points[i, 1] + shin @ np.array([0, 0, -robot.shin_length])
-        below = points[i, 2] - foot[:, 2] * robot.ankle_height
-        points[i, 3] = below - foot[:, 0] * robot.foot_back
-        points[i, 4] = below + foot[:, 0] * robot.foot_front
+        leg = points[i]  # [5, 3]
+        leg[0] = hip @ np.array([robot.hip_x, 0, 0])
+        leg[1] = leg[0] + thigh @ np.array([0, 0, -robot.thigh_length])
+        leg[2] = leg[1] + shin @ np.array([0, 0, -robot.shin_length])
+        below = leg[2] - foot[:, 2] * robot.ankle_height
+        leg[3] = below - foot[:, 0] * robot.foot_back
+        leg[4] = below + foot[:, 0] * robot.foot_front
         turns[i] = foot
     return (points, turns)
 
@@ -82,19 +84,23 @@ def leg_inverse(robot, position, foot_turn):
     """The shin's angle by the law of sines."""
     thigh, shin = (robot.thigh_length, robot.shin_length)
     rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot_turn, -position), -1, 0)
+    ankle_roll = np.arctan2(ry, rz)
+    zero = np.zeros_like(ankle_roll)
+    M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
+    pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])
+    rx = rx + robot.hip_x * np.cos(pitches)
+    ry = ry + robot.hip_x * np.sin(pitches) * np.sin(ankle_roll)
+    rz = rz + robot.hip_x * np.sin(pitches) * np.cos(ankle_roll)
     length = np.sqrt(rx**2 + ry**2 + rz**2)
     shortest = math.sqrt(thigh**2 + shin**2 + 2 * thigh * shin * math.cos(robot.joint_max[3]))
     reach = np.clip(length, shortest, thigh + shin)
     knee = np.arccos(np.clip((reach**2 - thigh**2 - shin**2) / (2 * thigh * shin), -1, 1))
-    ankle_roll = np.arctan2(ry, rz)
     from_shin = -np.arcsin(np.clip(thigh * np.sin(knee) / reach, -1, 1))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
-    zero = np.zeros_like(ankle_roll)
-    M = np.einsum("...ij,...jk->...ik", foot_turn, rotation(-ankle_roll, zero, zero))
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
-    pitch = np.arctan2(-M[..., 2, 0], M[..., 2, 2]) - knee - ankle_pitch
+    pitch = pitches - knee - ankle_pitch
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
@@ -105,13 +111,14 @@ def leg_inverse(robot, position, foot_turn):
         return np.array([leg_inverse(robot, p, turn) for p, turn in zip(position, foot_turn)])
     L1, L2 = (robot.thigh_length, robot.shin_length)
     r = -foot_turn.T @ position
+    ankle_roll = math.atan2(r[1], r[2])
+    M = foot_turn @ rotation(-ankle_roll, 0.0, 0.0)
+    r = r + robot.hip_x * foot_turn.T @ M @ rotation(0.0, -math.atan2(-M[2, 0], M[2, 2]), 0.0)[:, 0]
     low = math.sqrt(L1**2 + L2**2 + 2 * L1 * L2 * math.cos(robot.joint_max[3]))
     d = min(max(np.linalg.norm(r), low), L1 + L2)
     knee = math.acos(min(1, max(-1, (d * d - L1 * L1 - L2 * L2) / (2 * L1 * L2))))
-    ankle_roll = math.atan2(r[1], r[2])
     inner = math.acos(min(1, max(-1, (L2 * L2 + d * d - L1 * L1) / (2 * L2 * d))))
     ankle_pitch = -inner - math.atan2(r[0], math.hypot(r[1], r[2]))
-    M = foot_turn @ rotation(-ankle_roll, 0.0, 0.0)
     yaw = math.atan2(-M[0, 1], M[1, 1])
     roll = math.atan2(M[2, 1], math.hypot(M[2, 0], M[2, 2]))
     pitch = math.atan2(-M[2, 0], M[2, 2]) - knee - ankle_pitch
@@ -121,26 +128,62 @@ def leg_inverse(robot, position, foot_turn):
     )
 
 
-def feedback(self, robot, tick, end, angular_velocity):
+def capture_step(error, over, swings, old, p):
+    """Foot by foot."""
+    outside = np.abs(error) - p.usual_lean
+    e = p.capture * np.sign(error) * np.where(outside > 0, outside, 0)
+    new = np.empty(old.shape)
+    for n, foot in np.ndindex(swings.shape):
+        back = p.trunk_height * e[n, 0] if over[n] > 0 else 0.0
+        wanted = np.array([back, *e[n]])
+        new[n, foot] = (
+            (old[n, foot] + wanted) / 2 if swings[n, foot] else old[n, foot] * (1 - p.fade)
+        )
+    return new
+
+
+def capture_step(error, over, swings, old, p):
+    """With shares."""
+    roll, pitch = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean)).T
+    wanted = np.stack([(over > 0) * p.trunk_height * roll, roll, pitch], -1)[:, None, :]
+    swinging = swings[:, :, None].astype(float)
+    return swinging * 0.5 * (old + wanted) + (1 - swinging) * (old - p.fade * old)
+
+
+def waiting_pace(over, p):
+    """By minimum and maximum."""
+    return np.minimum(1.0, np.maximum(0.0, 1 - p.wait * (over - p.late_lean)))
+
+
+def waiting_pace(over, p):
+    """By cases."""
+    pace = 1 + p.wait * p.late_lean - p.wait * np.asarray(over)
+    return np.select([pace > 1, pace < 0], [1.0, 0.0], pace)
+
+
+def feedback(self, robot, rows, at, angular_velocity):
     """By einsum."""
-    lean = self.trunk[..., 3:5]
-    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
+    lean = self.trunk[rows[:, None], at][..., 3:5]
+    planned = (lean[:, -1] - lean[:, 0]) / ((at.shape[1] - 1) * robot.control_dt)
     rate = angular_velocity - planned
-    turn = np.einsum("ntf,na->ntfa", self.reflex_gain[:, tick:end], rate)
+    gain = self.reflex_gain[rows[:, None], np.minimum(at[:, :-1], self.reflex_gain.shape[1] - 1)]
+    turn = np.einsum("ntf,na->ntfa", gain, rate)
     added = np.zeros((*turn.shape[:3], 6))
     added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
     return added.reshape(*turn.shape[:2], 12)
 
 
-def feedback(self, robot, tick, end, angular_velocity):
-    """In single precision."""
-    lean = self.trunk[..., 3:5]
-    planned = (lean[:, end] - lean[:, tick]) / ((end - tick) * robot.control_dt)
-    rate = angular_velocity - planned
-    turn = self.reflex_gain[:, tick:end, :, None] * rate[:, None, None]
-    added = np.zeros((*turn.shape[:3], 6), np.float32)
-    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
-    return added.reshape(*turn.shape[:2], 12)
+def feedback(self, robot, rows, at, angular_velocity):
+    """Row by row, in single precision."""
+    added = np.zeros((*at[:, 1:].shape, 2, 6), np.float32)
+    last = self.reflex_gain.shape[1] - 1
+    for k, (row, samples) in enumerate(zip(rows, at)):
+        lean = self.trunk[row, samples, 3:5]
+        seconds = (len(samples) - 1) * robot.control_dt
+        rate = angular_velocity[k] - (lean[-1] - lean[0]) / seconds
+        gain = self.reflex_gain[row, np.minimum(samples[:-1], last)]
+        added[k, ..., [5, 4]] = np.clip(gain * rate[:, None, None], -REFLEX_LIMIT, REFLEX_LIMIT)
+    return added.reshape(*added.shape[:2], 12)
 
 
 def quintic(start, end, duration):
@@ -280,8 +323,10 @@ def encode_goal(goal):
 
 def to_action(footsteps, limits):
     """In single precision, as the policy's are."""
-    share = np.subtract(footsteps, limits.low) / np.subtract(limits.high, limits.low)
-    return np.clip(share, 0, 1).astype(np.float32).reshape(*share.shape[:-2], 6)
+    span = np.broadcast_to(np.subtract(limits.high, limits.low), np.shape(footsteps))
+    share = np.full(span.shape, 0.5, np.float32)
+    np.divide(np.subtract(footsteps, limits.low), span, share, where=span > 0, casting="unsafe")
+    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 
 def to_footsteps(action, limits):
@@ -532,12 +577,12 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """Resample after resample."""
+    """A hundred resamples at a time."""
     n = len(samples[0])
     rng, found = (np.random.default_rng(7), [])
-    for _ in range(resamples):
-        pick = rng.integers(n, size=n)
-        found.append(statistic(*(sample[pick][None] for sample in samples))[0])
+    while len(found) < resamples:
+        pick = rng.choice(n, (min(100, resamples - len(found)), n))
+        found.extend(statistic(*(np.take(sample, pick) for sample in samples)))
     return (np.quantile(found, 0.025), np.quantile(found, 0.975))
 
 
