@@ -18,6 +18,10 @@ from numpy.random import default_rng
 env = import_module("03_env")
 robot_model, walk_engine = env.robot_model, env.walk_engine
 TASK = env.Task()
+OTHER = env.Task(
+    near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5,
+    goal_std_m=0.3, beyond_m=1.2, ahead_m=0.7
+)  # fmt: skip
 ROBOT = robot_model.RobotModel()
 GAMMA = import_module("04_ppo").PPOConfig().gamma
 
@@ -173,14 +177,14 @@ def test_many_goals_are_encoded_each_by_itself(shape):
 
 
 def test_a_distant_goal_is_observed_as_one_on_the_way(make):
-    far, near = TASK.beyond_m * np.array([[1.01], [0.99]])
+    far, near = OTHER.beyond_m * np.array([[1.01], [0.99]])
     way = np.array([[0.6, -0.8, 0.0]])  # one metre in its direction
     goals = np.vstack([far * way, near * way]) + [0, 0, 2.0]
-    seen = env.intermediate(goals)
-    ahead = [0.6 * TASK.ahead_m, -0.8 * TASK.ahead_m, math.atan2(-0.8, 0.6)]
+    seen = env.intermediate(goals, OTHER)
+    ahead = [0.6 * OTHER.ahead_m, -0.8 * OTHER.ahead_m, math.atan2(-0.8, 0.6)]
     close(seen[0], ahead, "a goal beyond `beyond_m`: `ahead_m` on the way to it, facing it")
     close(seen[1], goals[1], "a nearer goal is itself")
-    world = make(env.FootstepWorld, 2)
+    world = make(env.FootstepWorld, 2, task=OTHER)
     world.set_goal([0, 1], goals)
     view = world.look([0, 1])
     close(view.goal, goals, "the view's goal is the true one, for every planner", atol=1e-6)
@@ -311,8 +315,6 @@ FORMULAS = {
     "r_time": "every double step costs s_time, and more if it took longer than a period",
 }
 
-OTHER = env.Task(near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5)
-
 
 @pytest.mark.parametrize("task", [TASK, OTHER], ids=["task", "another task"])
 def test_reward_formulas_of_every_robot_are_those_by_hand(task):
@@ -373,13 +375,13 @@ def test_discounted_progress_telescopes(name):
 
 
 def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
-    goals = env.draw_goals(env.stream("evaluation", 0), 5000)
+    goals = env.draw_goals(env.stream("evaluation", 0), 5000, OTHER)
     close(goals.mean(0), 0, atol=0.08)
-    close(goals[:, :2].std(0), TASK.goal_std_m, rtol=0.05)
+    close(goals[:, :2].std(0), OTHER.goal_std_m, rtol=0.05)
     assert np.all(np.abs(goals[:, 2]) <= math.pi), "yaw is wrapped"
     share = np.mean(np.abs(goals[:, 2]) < math.pi / 2)  # N(0, π/2) wrapped: 0.683 and a bit more
     assert 0.64 < share < 0.73, f"{share:.2f} of the goals turn by less than 90°"
-    seven = env.draw_goals(env.stream("evaluation", 0), 7)
+    seven = env.draw_goals(env.stream("evaluation", 0), 7, OTHER)
     equal(seven, goals[:7], "draw [count, 3], goal after goal")
 
 
@@ -830,7 +832,7 @@ IN, OUT, FALL = (0.0, 0), (0.2, 0), "falls, inside"  # from the goal [m], [°]
     ([(0.049, 9.9)] * 2, "success", 1), ([(-0.049, -9.9)] * 2, "success", 1),
     ([(0.0, 360)] * 2, "success", 1), ([(0.051, 0)] * 2, "", 2), ([(0.0, 10.1)] * 2, "", 2),
     ([(0.0, -10.1)] * 2, "", 2),
-], ids=str)  # fmt: skip
+])  # fmt: skip
 def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, monkeypatch, ends, want, counted):
     # Noise must not matter: the true pose counts.
     world, robots = make(env.FootstepWorld, 3, noise=True), [2, 0]

@@ -174,8 +174,11 @@ def hint(report):
         return where + re.sub(r"^E\s*", "", text.splitlines()[-1])
     text = crash.message.removeprefix("AssertionError").removeprefix(":").strip()
     text = re.sub(r"^NotImplementedError: exercise: (\w+)", r"\1 is not written yet", text)
-    not_ours = r"^(ValueError: .* is read-only|RuntimeError: Inplace update to inference tensor).*"
-    text = re.sub(not_ours, "what is given must not be written to", text)
+    text = re.sub(
+        r"^(ValueError: .* is read-only|RuntimeError: Inplace update to inference tensor).*",
+        "what is given must not be written to",
+        text,
+    )
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |\(shapes| ACTUAL)", text, flags=re.M)[0]
