@@ -504,8 +504,9 @@ class FootstepWorld:
         disturb(disturbance, robots) may change their Disturbance.
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
-        bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
-        success is that of the first of the two double steps that ended inside.
+        bool), time [s], seconds [s] of this double step, reward, and reward_terms by name; and the
+        simulator's Motion. The time of a success is that of the first of the two double steps that
+        ended inside.
         """
         task = self.task
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
@@ -548,6 +549,7 @@ class FootstepWorld:
             "inside": inside,
             # a success was there when this double step began
             "time": np.where(success, began, self.ticks[robots]) * self.engine.robot.control_dt,
+            "seconds": motion.ticks * self.engine.robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
@@ -681,7 +683,8 @@ class FootstepEnv(gym.Env):
     def step(self, action):
         """One double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.step([action])
-        info = {key: infos[key][0].item() for key in ("success", "fall", "timeout", "time")}
+        told = "success", "fall", "timeout", "time", "seconds"
+        info = {key: infos[key][0].item() for key in told}
         info["reward_terms"] = {name: r[0] for name, r in infos["reward_terms"].items()}
         return observations[0], *(result.item() for result in results), info
 

@@ -821,6 +821,7 @@ def test_a_misspelt_setting_or_option_is_an_error(make):
         one.reset(options={"goal": [[1.0, 0, 0]]})
     info = one.step(one.world.neutral_action)[-1]
     assert {type(info[name]) for name in ("success", "fall", "timeout", "time")} == {bool, float}
+    close(info["seconds"], one.world.engine.period, "of the double step, which did not wait")
 
 
 IN, OUT, FALL = (0.0, 0), (0.2, 0), "falls, inside"  # from the goal [m], [°]

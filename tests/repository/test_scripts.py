@@ -235,6 +235,7 @@ def numbers(line):
             [f"{PREDICT} reflex --mujoco"],
             0.06,
         ),  # shares of 96 walks, by chance and machine
+        ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
         ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
     ],
     ids=str,

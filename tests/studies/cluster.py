@@ -45,7 +45,7 @@ class Part:
         """less [count]: double steps that the first episodes are shorter (`staggered`)."""
         seed = None if seed is None else seed + self.first
         observations, _ = self.envs.reset(seed=seed, options=options)
-        self.envs.world.allowed -= less
+        self.envs.world.allowed -= less * self.envs.world.engine.period_ticks
         return observations
 
     def step(self, actions):
