@@ -182,11 +182,11 @@ HARD = {  # worlds in which steps might fail: settings
 }
 
 
-def study_steps(args, per_set=500, sets=4, first=900):
+def study_steps(args, per_set=500, first=900):
     """Rows by world, push and answer; every answer is compared with the reflex, walk by walk."""
     policy = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
 
-    def walked(settings, answer, push, far):
+    def walked(settings, answer, push, far, sets):
         walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
         with common.world(args.sim, num_robots=per_set, walk=walk, push=push, **settings) as world:
             return common.walks(policy, world, far, sets, first, per_set, "tuning")
@@ -196,9 +196,8 @@ def study_steps(args, per_set=500, sets=4, first=900):
     cases += product(HARD if args.sim == "mujoco" else [flat], (0.4, 0.6), (True,))
     rows = []
     for name, push, far in cases:
-        answers = ANSWERS if name == flat else ("reflex", "all")
-        for answer in answers:
-            ended = walked(HARD[name], answer, push, far)
+        for answer in ANSWERS if name == flat and push else ("reflex", "all"):
+            ended = walked(HARD[name], answer, push, far, 4 if name == flat else 2)
             if answer == "reflex":
                 reference = ended
             fell, before = ended["outcome"] == "fall", reference["outcome"] == "fall"
