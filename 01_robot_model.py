@@ -54,7 +54,8 @@ z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its
 support foot stands while the swing foot moves; the sole is the rectangle under a foot. Shapes: N
 robots, n some of them (given by their indices), T control ticks.
 
-Left out: arms and head (their mass is in the torso), gear play, all sensors but the gyro. Only
+Left out: arms and head (their mass is in the torso), gear play, all sensors but those of the joints
+and the IMU, the inertial measurement unit, which measures the torso's tilt and turning rates. Only
 soles touch anything.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
@@ -110,7 +111,7 @@ class RobotModel:
     foot: Link = Link(0.595, (0.006, 0.004, -0.019), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
     hip_z: float = -0.041  # [m] height of the hips in the torso frame
-    hip_x: float = 0.0  # [m] hip pitch axis ahead of the axes of hip yaw and roll
+    hip_x: float = 0.0  # [m] hip pitch axis ahead of the axes of hip yaw and roll; simplified
     thigh_length: float = 0.169  # [m] hip axis to knee axis
     shin_length: float = 0.170  # [m] knee axis to ankle axis
     ankle_height: float = 0.053  # [m] ankle axis above the sole
@@ -122,12 +123,12 @@ class RobotModel:
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] here no torque is left
-    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad]
+    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad] the knee's are rounded
     joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
     # [N m s/rad] back-EMF (a turning motor is a generator, too, and brakes itself): torque limit /
     # speed limit
     damping: tuple = (10 / 5.76, 10 / 5.76, 10 / 5.76, 12.9 / 3.87, 10 / 5.76, 10 / 5.76)
-    stiction: tuple = (0.0,) * 6  # [N m] dry friction
+    stiction: tuple = (0.0,) * 6  # [N m] dry friction; left out here
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
@@ -146,8 +147,8 @@ class RobotModel:
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
 
 
-# The public model's own numbers where `RobotModel` has estimates. (Centres of mass with the arms as
-# they are carried when it walks; of the left leg, all hip axes but that of pitch 2.3 cm behind it.)
+# The public model's own numbers where `RobotModel` has estimates. (Arms as carried in a walk; of the
+# left leg.)
 TEAM = RobotModel(
     torso=Link(3.490, (-0.007, 0.0, 0.141), (0.050, 0.037, 0.025)),
     thigh=Link(0.242, (0.0, 0.0, -0.133), (0.0008, 0.0008, 0.0003)),
@@ -190,8 +191,8 @@ class Body:
 
 @dataclass
 class Trajectory:
-    """The commands for n robots in T control ticks. Sample k is the target at the end of tick k;
-    sample 0 repeats the last sample of the double step before."""
+    """The commands for n robots in T control ticks. Sample k is the target after k ticks; sample 0
+    repeats the last target of what the robots did before."""
 
     joints: np.ndarray  # [n, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
@@ -209,10 +210,10 @@ class Trajectory:
         return np.full(len(self.joints), tick >= self.most_ticks)
 
     def targets(self, robot, rows, tick, tilt, angular_velocity):
-        """What the robot's computer asks for every READ_EVERY ticks, for some rows [k] of the plan:
-        the samples of the joint targets from now on [k, ticks + 1, 12], and what is added to them
-        [k, ticks, 12]. Here that is nothing (open loop); the plans of stage 2 answer what is
-        measured (closed loop).
+        """For some rows [k] of the plan: the samples of the joint targets from now on
+        [k, ticks + 1, 12], and what is added to them [k, ticks, 12]. Every READ_EVERY ticks the
+        robot's computer asks for both. Here nothing is added (open loop); the plans of stage 2
+        answer what is measured (closed loop).
 
         tilt, angular_velocity [k, 2]: as measured now, roll and pitch of the torso [rad], and its
         rates about its x and y axes [rad/s].
@@ -223,9 +224,9 @@ class Trajectory:
 
 @dataclass
 class Disturbance:
-    """What happens to n robots in T control ticks, and nobody has planned."""
+    """What happens to n robots in T control ticks that nobody has planned."""
 
-    push: np.ndarray  # [n, T, 2] [N] force on the torso: x, y; on the plane only ahead
+    push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; on the plane ahead of it
     gyro_error: np.ndarray  # [n, T, 2] [rad/s] measured − true angular velocity about x and y
     tilt_error: np.ndarray  # [n, T, 2] [rad] measured − true roll and pitch
 
@@ -346,8 +347,8 @@ def leg_inverse(robot, position, foot_turn):
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
-    # So far the hip was where yaw and roll turn. The pitch turns hip_x farther ahead, along the x
-    # axis of a frame that is turned by −s before the ankle rolls: (cos s, 0, sin s).
+    # So far the hip was where yaw and roll turn. The axis of hip pitch is hip_x ahead of there, along
+    # the x axis of a frame that is turned by −s before the ankle rolls: (cos s, 0, sin s).
     ahead = np.stack([np.cos(pitches), zero, np.sin(pitches)], -1)  # [..., 3]
     rx, ry, rz = np.moveaxis(r + robot.hip_x * (roll_back @ ahead[..., None])[..., 0], -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
@@ -401,7 +402,7 @@ def body_points(robot, torso, joints):
     base = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
     points = points + robot.hips[:, None]
-    # A row of points p is turned by p·Rᵀ, which is the row of all R·p.
+    # points @ Rᵀ turns every row p into R·p.
     world = points @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
     return world, base @ foot_turn
 
@@ -430,7 +431,6 @@ def fallen(torso, standing_height):
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
 
-# ------------------------------------------------------------------------ demonstration
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
@@ -450,6 +450,7 @@ def centre_of_mass(robot, torso, joints):
     return whole / (mass + 2 * sum(parts))
 
 
+# ------------------------------------------------------------------------ demonstration
 def plot_standing(robot, standing, path):
     """The robot as it stands (torso [6], joints [12]) from its right side and from behind, with its
     lengths in mm."""
@@ -496,8 +497,8 @@ def main():
 
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
-    # Stand for a second, lean within eight, then wait: near its edge a fall takes seconds. The feet
-    # stand, so a negative ankle pitch, left and right, tilts all the rest forward.
+    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds. The
+    # feet stand, so a negative ankle pitch, left and right, tilts all the rest forward.
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]

@@ -1,23 +1,23 @@
 """Stage 2: how do two footsteps become a walk?
 
-Paper: the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for the
-swing foot and the trunk, analytic inverse kinematics; parameters found by optimisation. Ours is the
-answers to what the IMU measures within a double step, which the paper names as future work: a
-reflex of the ankles, steps that land where the robot leans, and steps that wait (`WalkPlan`).
+The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for
+the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation. We
+add three answers to the IMU, the paper's future work: a reflex of the ankles and, off unless you
+turn them on, steps that land where the robot leans and steps that wait (`WalkPlan`).
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
-Prints, for four walks of eight double steps, where they were commanded to end and where the robot
+Prints, for four walks of eight double steps, where the robot was commanded to end and where it
 ended; draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
 1.2 cm of the command. The 3-D robot misses it by up to 0.12 m and 0.15 rad (more grip does not help:
 set `friction` to 5); a planner has to correct this. How fast and how well it can walk, on other
-grounds and with other bodies, is measured (and tuned) by `python tests/studies/walk.py`. (Nothing
+floors and with other bodies, is measured (and tuned) by `python tests/studies/walk.py`. (Nothing
 is random here: `--seed` changes nothing.)
 
 Then three times twelve robots are pushed forward during a walk, each of the twelve at another
 moment of the double step: in open loop; with the reflex; with the reflex, capture steps and waiting
-(`capture`, `wait`). Guess first: how many of each fall, in 3-D and on the plane? (The study `kicks`
-pushes in all directions.) A push of 0.8 m/s is a force for 50 ms that would give the torso alone
+(`capture`, `wait`). Guess first: how many of each fall, in 3-D and on the plane? (Answers:
+`tests/exercises/predict.md`, capture. Pushed ahead, hardly a robot waits.) A push of 0.8 m/s is a force for 50 ms that would give the torso alone
 this speed, the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
@@ -44,11 +44,9 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
 
 towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
 P = 0.62 s, and compare the share of p with that of the tuned plan, which the stage prints. The
-centre of mass sways less than `trunk_swing` says, as the legs stay behind, and more through
-`trunk_roll`. And the foot is no point: it may press anywhere on its sole. On the plane nothing
-sways, as the planar robot cannot fall sideways.
-
-Left out: stairs.
+centre of mass sways less than `trunk_swing` says, because the legs stay behind. `trunk_roll` adds a
+little. And the foot is no point: it may press anywhere on its sole. On the plane nothing sways, as
+the planar robot cannot fall sideways.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -82,10 +80,10 @@ class WalkParameters:
     pitch_per_step: float  # [rad/m] lean added per metre of a single step
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
-    # How a double step answers the trunk's lean; ours. The two gains are 0: it does not.
+    # How a double step answers the torso's lean; ours. With capture = wait = 0 it does not.
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
-    usual_lean: float = 0.04  # [rad] a lean of walks that nobody pushes, not answered
-    fade: float = 0.03  # [-] share of a standing foot's answer that goes with every reading
+    usual_lean: float = 0.04  # [rad] a robot that nobody pushes leans so much: not answered
+    fade: float = 0.03  # [-] share of a standing foot's answer that is lost per reading
     wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
     late_lean: float = 0.06  # [rad] lean over the support foot from which on it slows down
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
@@ -157,43 +155,45 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(error, over, swings, old, p):
-    """Where the feet answer a lean: [n, 2, 3] for the left and the right foot, by how much it lands
-    farther to the left [m], and by how much its leg takes the trunk to lean more than planned, roll
-    and pitch [rad].
+    """Returns each foot's answer to a lean, [n, 2, 3]: how far its landing moves to the left [m], and
+    the roll and pitch [rad] that its leg adds to those of the planned trunk.
 
     error [n, 2]: measured − planned roll and pitch [rad]; over [n]: the lean of it over the support
-    foot [rad]; swings [n, 2] bool: left, right foot; old [n, 2, 3]: the answer of the last reading.
+    foot [rad]; swings [n, 2] bool: left, right foot, double support included; old [n, 2, 3]: the
+    answer of the last reading.
 
-    A push makes the robot lean as a whole, by e more than planned. Its mass, at the height h, is
-    then h·e from where it should be. The swing leg takes the trunk to lean as measured: so the sole
-    stays level, and as the whole leg is h·e aside, the foot lands h·e farther on the side to which
-    the robot leans. If this is the side of the support foot, the feet would come close. Then the
-    foot lands beside the support foot, as planned: it is moved back by h·e.
+    A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
+    times `capture`. The trunk, at the height h, is then h·e from where it should be. If the swing
+    leg takes the trunk to lean by e more, its sole stays nearly level, and as the whole leg moves
+    with the trunk, the foot lands h·e farther on the side to which the robot leans. There the trunk
+    is where the plan has it, seen from the new foot. (Its speed, the ẏ/ω of a capture point, is not
+    answered.) On the side of the support foot the feet would come close: the landing is moved back
+    by h·e, beside the support foot.
     """
-    # Every walk leans a little: only what is beyond ± usual_lean counts.
     e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
-    back = p.trunk_height * e[:, 0] * (over > 0)  # [n] h·e; a positive roll leans to the right
-    wanted = np.column_stack([back, e])[:, None]  # [n, 1, 3]
-    # A swing foot goes half of the way at every reading, as the tilt is noisy. While a foot stands
-    # its answer fades, slowly: a quick way back would throw the robot.
+    # y = h·e; a positive roll leans to the right, so this moves the landing to the left
+    return_y = p.trunk_height * e[:, 0] * (over > 0)  # [n]
+    wanted = np.column_stack([return_y, e])[:, None]  # [n, 1, 3]
+    # The tilt is noisy, so a swing foot moves half of the distance at every reading. The answer of
+    # a standing foot fades slowly: a quick return would tip the robot.
     return np.where(swings[..., None], (old + wanted) / 2, (1 - p.fade) * old)
 
 
 def waiting_pace(over, p):
-    """When the next foot comes down: the share of a tick by which the plan goes on in a tick, [n],
-    for leans over the support foot [n] [rad].
+    """Returns the share of a tick by which the plan goes on in a tick, [n]; over [n]: the lean over
+    the support foot [rad].
 
     Let y be how far outward of the ankle the mass is, and c how far outward the point of the sole is
-    that bears it. The pendulum of the head of this file is ÿ = ω²·(y − c), ω = √(g/h). In terms of
-    the capture point ξ = y + ẏ/ω it is ξ̇ = ω·(ξ − c): the distance from c grows as e^(ωt). So if ξ
-    is beyond the sole's edge, at most 6 cm outward, no waiting helps. If it is not, the mass comes
-    back. But until ξ = −b, where the other foot takes over, it needs
+    that bears it. The pendulum of the head of this file is then ÿ = ω²·(y − c), ω = √(g/h). In terms
+    of the capture point ξ = y + ẏ/ω it is ξ̇ = ω·(ξ − c): the distance from c grows as e^(ωt). So
+    if ξ is beyond the sole's edge, at most 6 cm outward, no waiting helps. If it is not, the mass
+    comes back. But until ξ = −b, b = p·(1 + tanh(ω·P/4)), where the other foot takes over, it needs
 
         t = ln((c + b) / (c − ξ)) / ω
 
-    With ω = 5.2/s, c = 6 cm and b = 13 cm a single step, 0.31 s, suffices for ξ = 2 cm; for ξ = 4 cm
-    it takes 0.43 s. A robot that does not wait puts the other foot down while its mass is still
-    above this one.
+    With ω = 5.2/s, p = 8.2 cm and c = 6 cm a single step, 0.31 s, suffices for ξ = 2 cm; for ξ = 4
+    cm it takes 0.44 s. The robot does not measure ξ. In its place the law takes the lean: h·over is
+    how far the trunk is outward of its plan, 2.3 cm at late_lean; its speed is left out.
     """
     # pace = 1 − wait·(over − late_lean), from 0 to 1
     return np.clip(1 - p.wait * (over - p.late_lean), 0, 1)
@@ -210,20 +210,23 @@ class WalkPlan(robot_model.Trajectory):
     """
 
     feet: np.ndarray  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
-    reflex_gain: np.ndarray  # [n, T, 2] [s] left, right ankle; 0 while the foot swings
+    reflex_gain: np.ndarray  # [n, T, 2] [s] left, right ankle; only of the support foot
     walk: WalkParameters
     planar: bool
-    answer: np.ndarray  # [N, 2, 3] of `capture_step`, the engine's: the next plan goes on with it
-    robots: np.ndarray  # [n] whose rows of `answer` are meant
+    answer: (
+        np.ndarray
+    )  # [N, 2, 3] the engine's own array, see `capture_step`: `targets` writes to it
+    robots: np.ndarray  # [n] the plan's robots: its rows of `answer`
 
     def begin(self):
         """See `Trajectory`."""
-        self.phase = np.zeros(len(self.joints))  # [n] [ticks] how far it has come, with a fraction
+        self.progress = np.zeros(len(self.joints))  # [n] ticks of the plan done so far
 
     @property
     def longest(self):
-        """How many ticks it may be late, an even number."""
-        return 2 * math.ceil(self.walk.longest_wait_ticks / 2) if self.walk.wait else 0
+        """How many ticks it may be late: whole readings of the IMU."""
+        readings = math.ceil(self.walk.longest_wait_ticks / robot_model.READ_EVERY)
+        return readings * robot_model.READ_EVERY if self.walk.wait else 0
 
     @property
     def most_ticks(self):
@@ -232,31 +235,34 @@ class WalkPlan(robot_model.Trajectory):
 
     def ended(self, tick):
         """Which robots have come to its end, [n] bool."""
-        return self.phase >= self.reflex_gain.shape[1]
+        return self.progress >= self.reflex_gain.shape[1]
 
     def targets(self, robot, rows, tick, tilt, angular_velocity):
         """See `Trajectory`."""
-        p, last = self.walk, self.reflex_gain.shape[1]
-        now = np.rint(self.phase[rows]).astype(int)  # [k] sample of the plan
-        error = tilt - self.trunk[rows, now, 3:5]  # [k, 2] roll, pitch [rad]
-        swings = (now[:, None] >= last // 2) == [False, True]  # [k, 2] first the left foot
-        over = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k] a positive roll: to the right
-        steps = np.arange(min(robot_model.READ_EVERY, self.most_ticks - tick) + 1)
-        phases = self.phase[rows, None] + waiting_pace(over, p)[:, None] * steps  # [k, 3]
-        phases = np.clip(phases, tick + steps - self.longest, last)
-        self.phase[rows] = phases[:, -1]
-        at = np.rint(phases).astype(int)  # [k, 3] samples of the plan: now, and after each tick
+        p, end = self.walk, self.reflex_gain.shape[1]
+        sample = np.rint(self.progress[rows]).astype(int)  # [k] of the plan, now
+        error = tilt - self.trunk[rows, sample, 3:5]  # [k, 2] roll, pitch [rad]
+        first = sample < end // 2  # [k] in the first single step, in which the left foot swings
+        swings = np.stack([first, ~first], 1)  # [k, 2]
+        over = np.where(first, 1, -1) * error[:, 0]  # [k] a positive roll leans to the right
+        # How far the plan comes in the next ticks, at most `longest` late  [k, ticks + 1]
+        ticks = np.arange(min(robot_model.READ_EVERY, self.most_ticks - tick) + 1)
+        progress = self.progress[rows, None] + waiting_pace(over, p)[:, None] * ticks
+        progress = np.clip(progress, tick + ticks - self.longest, end)
+        self.progress[rows] = progress[:, -1]
+        at = np.rint(progress).astype(int)  # [k, ticks + 1] samples of the plan
         added = self.feedback(robot, rows, at, angular_velocity)
         if not p.capture:
             return self.joints[rows[:, None], at], added
-        who = self.robots[rows]
-        answer = capture_step(error, over, swings, self.answer[who], p)  # [k, 2, 3]
-        self.answer[who] = answer
-        trunk = self.trunk[rows[:, None], at][:, :, None].repeat(2, 2)  # [k, 3, 2, 6] of each leg
+        robots = self.robots[rows]
+        answer = capture_step(error, over, swings, self.answer[robots], p)  # [k, 2, 3]
+        self.answer[robots] = answer
+        # The trunk as each leg takes it to be, and the feet  [k, ticks + 1, 2, 6 or 4]
+        trunk = self.trunk[rows[:, None], at][:, :, None].repeat(2, 2)
         trunk[..., 3:5] += answer[:, None, :, 1:]
-        feet = self.feet[rows[:, None], at]  # [k, 3, 2, 4]
-        aside = np.stack([0 * answer[..., 0], answer[..., 0]], -1)[:, None]  # [k, 1, 2, 2] x, y
-        feet[..., :2] += robot_model.turned(aside, trunk[..., 5])
+        feet = self.feet[rows[:, None], at]
+        moved = np.stack([0 * answer[..., 0], answer[..., 0]], -1)[:, None]  # [k, 1, 2, 2] x, y
+        feet[..., :2] += robot_model.turned(moved, trunk[..., 5])
         return robot_model.body_inverse(robot, trunk, feet, self.planar), added
 
     def feedback(self, robot, rows, at, angular_velocity):
@@ -343,9 +349,9 @@ class WalkEngine:
             trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)
                  state                                   state
 
-        A knot is the state (position, velocity, acceleration) that the trunk shall have in the
-        middle of a single step, all three by trunk_phase later; knot 3 lies in the next double
-        step. Quintics join the knots.
+        A knot is the state (position, velocity, acceleration) that the trunk should have in the
+        middle of a single step (trunk_phase later). Knot 3 lies in the next double step. Quintics
+        join the knots.
         """
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
         new_left, new_right = self.landings(right, footsteps)
@@ -379,21 +385,20 @@ class WalkEngine:
         middle after it, moves with the mean velocity, without acceleration, and is shifted and
         rolled towards the support foot.
         """
-        # aside = trunk_swing · y of the support foot, seen from the middle
-        # lean  = trunk_pitch + pitch_per_step · ahead
-        # ahead: how far the middle of the feet moves along its mean yaw [m]
         p = self.parameters
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
         centre = (before + after) / 2
         side = robot_model.relative(centre, support)[:, 1]  # [n] [m] left: positive
-        aside = p.trunk_swing * side
-        offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
+        offset = np.stack(
+            [np.full_like(side, p.trunk_x_offset), p.trunk_swing * side, 0 * side], -1
+        )
         knot = np.zeros((len(centre), 6, 3))
         knot[:, GROUND, 0] = compose(centre, offset)
         knot[:, GROUND, 1] = (after - before) / self.half
         knot[:, 2, 0] = p.trunk_height
-        ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]  # [n] [m]
+        # how far the middle of the feet moves along its mean yaw  [n] [m]
+        ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]
         knot[:, 3, 0] = -p.trunk_roll * np.sign(side)  # a positive roll leans to the right
         knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
         return knot
@@ -410,8 +415,7 @@ class WalkEngine:
             later = time >= begin  # the next spline overwrites what is beyond its knot
             path[..., later] = polynomial(spline, time[later] - begin)
             state = knot
-        # The double step ends within the last spline; the next double step begins in that state:
-        # position, velocity, acceleration.
+        # The double step ends within the last spline; the next double step begins in that state.
         state = [polynomial(spline, self.period - begin, order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
@@ -529,7 +533,7 @@ def pushed(sim, parameters, speed, count=12):
 
 
 def plot_push(tilts, engine, path, title):
-    """Tilt over time of all robots of `pushed`, [count, T] by the name of their body."""
+    """Tilt over time of all robots of `pushed`, [count, T] by the name of their answers."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for tilt, style in zip(
         tilts.values(), (("tab:red", ":"), ("tab:orange", "--"), ("tab:green",))
@@ -615,12 +619,12 @@ def main():
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
     tilts, speed = {}, 0.8  # [m/s]
-    bodies = {
+    answers = {
         "open loop": replace(parameters, reflex=0.0),
         "reflex": parameters,
         "reflex, steps and waiting": replace(parameters, capture=1.0, wait=10.0),
     }
-    for name, walk in bodies.items():
+    for name, walk in answers.items():
         tilts[name], fell = pushed(sim, walk, speed)
         print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")
     plot_push(tilts, engine, out / "02_push.png", f"Twelve pushes of {speed} m/s each ({sim})")

@@ -275,11 +275,11 @@ def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_l
     lean, ticks = np.array([[0.14, 0.0], [-0.14, 0.0]]), np.zeros(2, int)
     while not plan.ended(ticks.max()).all():
         on = rows[~plan.ended(ticks.max())]
-        now = np.rint(plan.phase[on]).astype(int)
+        now = np.rint(plan.progress[on]).astype(int)
         tilt = plan.trunk[on, now, 3:5] + lean[on] * (now[:, None] < 31)  # until the left one lands
         samples, _ = plan.targets(ROBOT, on, ticks.max(), tilt, np.zeros((len(on), 2)))
         ticks[on] = ticks.max() + 2
-        if plan.phase[1] == 30:  # robot 1 does not wait: its left foot is about to land
+        if plan.progress[1] == 30:  # robot 1 does not wait: its left foot is about to land
             joints = samples[-1, -1]
     equal(
         ticks, [102, 62], "who leans over the support foot waits, at most 40 ticks; others do not"
