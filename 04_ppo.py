@@ -11,16 +11,19 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
     python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
 
-Successes should become more, time-outs fewer, and the way to the goal quicker. Falls are rare from
-the start, as the first policy steps on the spot. The policy should explore less (entropy), and be
-changed less by an update (clip fraction), and the critic should explain more of the variance. While
-it trains, checkpoint.pt in runs/<sim>/ is what --resume continues from. At the end the stage writes
-policy.pt, learning_curve.csv and .png there, and beside the last policy the first one
-(policy.start.pt) and that after a tenth of the way (policy.tenth.pt). The goal is measured with
-noise (--no-noise: exactly).
+In learning_curve.png you should see more successes, fewer time-outs and shorter times. Falls are
+rare from the start, as the most likely action of the first policy is to step on the spot. At first
+the return falls, though nothing is wrong: the first episodes are cut off after random times, so the
+short ones end first, and a short walk costs little. The policy should explore less (entropy) and be
+changed less by each update (clip fraction, KL); the critic should explain more of the variance.
+
+While it trains, checkpoint.pt in runs/<sim>/ is what --resume continues from. At the end the stage
+writes policy.pt, learning_curve.csv and .png there. Beside the last policy it writes the first one
+(policy.start.pt) and that after a tenth of the training (policy.tenth.pt). The goal is measured
+with noise (--no-noise: exactly).
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
-The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; its average shall be large.
+The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; PPO makes its average large.
   value      V(s) = E[G_t | s]: the average return from s on; learned by a second network,
              the critic
   advantage  A_t: how much better the action was than the average one, about G_t − V(s_t)
@@ -29,11 +32,12 @@ How the average changes with the policy's parameters (the policy gradient), firs
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
   A number b that does not depend on a changes nothing: E[b·∇ln π] = b·Σ_a ∇π = b·∇1 = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-Over an episode the gradients of its decisions are added: its probability is a product, so its
-logarithm is Σ_t ln π(a_t|s_t) plus what the world does, which has no parameters of ours. (The
-rewards before a decision do not depend on its action; they drop out like b. Exactly, decision t
-counts γᵗ times; as usual we leave this out, so that late decisions learn as much.) Following this
-gradient makes good actions more likely and bad ones less.
+An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
+ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
+its decisions are added. Two details: the rewards before a decision do not depend on its action, so
+they drop out like b. And strictly, decision t has the weight γᵗ; nearly everybody leaves it out, or
+late decisions would hardly be improved. Following this gradient makes good actions more likely and
+bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights it by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
@@ -41,10 +45,10 @@ The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; 
 (4) log. Repeat.
 
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
-there is no future: the sum of the later rewards is 0, and that is the truth; at the goal likewise.
+there is no future: the sum of the later rewards is 0, and that is the truth. So it is at the goal.
 After a cut-off (truncated: the time is up) the world would have gone on; only our recording
 stopped. A 0 there would train the critic to give walking well at 99 s the same value as lying on
-the ground. So the missing sum is replaced by V of the LAST observation of that episode
+the floor. So the missing sum is replaced by V of the LAST observation of that episode
 ("bootstrapping"). The first observation of the next episode must not be used. Where a rollout ends
 within an episode, V of the observation that follows replaces the rest, too.
 
@@ -59,12 +63,12 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback
 import argparse
 import contextlib
 import copy
+import io
 import json
 import math
-import os
 import time
 import zipfile
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 
@@ -73,35 +77,34 @@ import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from torch import nn
-from torch.distributions import Beta, Distribution, Independent
+from torch.distributions import Beta, Independent
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 InputError = robot_model.InputError
-torch.set_num_threads(1)  # matrices this small are slower on several threads
-Distribution.set_default_validate_args(False)  # quicker
 STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Sources: [P] the paper, [7], [8] its default, [own] our choice; (name in [8])."""
+    """Sources: [P] the paper; [7]; [8] its default; [own] our choice, how: results/STUDIES.md, under
+    *ablations*. In parentheses: the name in [8]."""
 
-    num_envs: int = 64  # N, robots that walk at the same time (n_envs) [own]
-    rollout: int = 16  # T, double steps of each robot between two updates (n_steps) [own]
-    epochs: int = 10  # how often every sample is used (n_epochs) [8]
-    minibatch: int = 512  # samples per gradient step (batch_size) [own]
-    learning_rate: float = 1e-3  # of Adam at the start; falls linearly to 0 [own]
-    gamma: float = 0.95  # γ, discount per double step: 20 ahead, rewards count 0.95²⁰ = 0.36 [own]
-    lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, see `gae` (gae_lambda) [8]
-    clip: float = 0.2  # ε: beyond 1 ± ε the objective does not grow (clip_range) [7]
-    reward_scale: float = 1.0  # so that returns have a size of about 1 to 10 [own]
-    value_coef: float = 0.5  # c_V, weight of the critic's loss in the sum (vf_coef) [8]
-    max_grad_norm: float = 0.5  # longer gradients (here: most) are scaled down to this length [8]
-    hidden: tuple = (64, 64)  # neurons per hidden layer [P]
-    first_concentration: float = 10.0  # c = α+β of the first policy, > 2; large: little noise [own]
-    sharpest: float = 6.0  # k at the end, see `ActorCritic`: the policy becomes narrower [own]
+    num_envs: int = 64  # N, robots that walk at the same time, `collect` (n_envs) [own]
+    rollout: int = 16  # T, double steps of each robot in an update, `collect` (n_steps) [own]
+    epochs: int = 10  # how often `improve` uses every sample (n_epochs) [8]
+    minibatch: int = 512  # samples in a gradient step of `improve` (batch_size) [own]
+    learning_rate: float = 1e-3  # of Adam at the start; in `learn` it falls linearly to 0 [own]
+    gamma: float = 0.95  # γ, discount per double step, `gae`: 20 ahead counts 0.95²⁰ = 0.36 [own]
+    lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, `gae` (gae_lambda) [8]
+    clip: float = 0.2  # ε of `clipped_objective` (clip_range) [7]
+    reward_scale: float = 1.0  # factor on the rewards, `judge`; only Pendulum needs one [own]
+    value_coef: float = 0.5  # c_V, weight of the critic's loss in `improve` (vf_coef) [8]
+    max_grad_norm: float = 0.5  # `improve` scales longer gradients (here: most) down to this [8]
+    hidden: tuple = (64, 64)  # neurons per hidden layer of `mlp` [P]
+    first_concentration: float = 10.0  # c = α+β of the first policy; large: little noise [own]
+    sharpest: float = 6.0  # k at the end of `learn`, see `ActorCritic`: the policy is narrow [own]
 
 
 # Of --env.
@@ -111,6 +114,17 @@ GYM_CONFIG = PPOConfig(
 
 
 # ------------------------------------------------------------------------ the networks
+@contextlib.contextmanager
+def one_thread():
+    """PyTorch computes on one thread: matrices this small are slower on several."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
 def mlp(sizes, last_gain):
     """Linear layers with tanh between them; random weights as in [8]: a matrix with orthogonal rows
     or columns of length √2."""
@@ -135,16 +149,16 @@ class ActorCritic(nn.Module):
         p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode.
     """
 
-    sharpness = 1.0  # k; no weight: `train` sets it, and it is stored beside the weights
+    sharpness = 1.0  # k; no weight: `learn` sets it, and it is stored beside the weights
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
         self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # With small last weights the first policy hardly depends on the observation: the bias alone
-        # puts its mode m = (α − 1) / (c − 2) at first_action, with the concentration c = α+β:
-        # α − 1 = m·(c − 2),  β − 1 = (1 − m)·(c − 2)
+        # The first policy. As the last weights are small it hardly depends on the observation, only
+        # on the bias, so we invert `policy` for that. The mode m = (α − 1) / (c − 2) should be
+        # first_action, with the concentration c = α+β:  α − 1 = m·(c − 2),  β − 1 = (1 − m)·(c − 2)
         mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
         wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)  # first all α, then all β
         # softplus(x) = ln(1 + eˣ), so softplus⁻¹(w) = ln(eʷ − 1)
@@ -158,16 +172,20 @@ class ActorCritic(nn.Module):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
         raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow
         alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
-        return Independent(Beta(alpha, beta), 1)  # log π(a|s): the sum over a's variables
+        # 1: log π(a|s) is the sum over the last axis, a's variables
+        return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
 
     def sample(self, obs):
         """Actions drawn for exploration, tensors: [N, obs] -> [N, act]."""
-        with torch.no_grad():  # exactly 0 or 1 would have an infinite log-probability
+        with torch.no_grad():
+            # Exactly 0 or 1 would have an infinite log-probability.
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
+    @one_thread()
     def decide(self, obs):
         """The action without exploring (predict), arrays: [N, obs] -> [N, act]: the mean."""
-        with torch.no_grad():  # α / (α + β); the paper: the mode, see `tests/studies/ablations.py`
+        with torch.no_grad():
+            # α / (α + β); the paper takes the mode, see `tests/studies/ablations.py`
             return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mean.numpy()
 
 
@@ -186,18 +204,19 @@ def collect(model, envs, obs, steps):
         next_obs = after.astype(np.float32)
         for i in np.flatnonzero(terminated | truncated):
             next_obs[i] = info["final_obs"][i]
-        step = {
-            "obs": obs,
-            "action": action,
-            "next_obs": next_obs,
-            "reward": reward.astype(np.float32),
-            "terminated": terminated,
-            "truncated": truncated,
-        }
-        buffer.append({name: torch.as_tensor(value) for name, value in step.items()})
+        buffer.append(
+            {
+                "obs": obs,
+                "action": action,
+                "next_obs": next_obs,
+                "reward": reward.astype(np.float32),
+                "terminated": terminated,
+                "truncated": truncated,
+            }
+        )
         infos.append(info)
         obs = after
-    data = {name: torch.stack([step[name] for step in buffer]) for name in buffer[0]}
+    data = {name: torch.as_tensor(np.stack([s[name] for s in buffer])) for name in buffer[0]}
     return data, obs, infos
 
 
@@ -212,7 +231,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
                                           cancels
         all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy
     λ between 0 (the first row) and 1 (the last one) lets later errors fade:
-        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 20 steps ahead counts (0.95·0.95)²⁰ = 0.13
+        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
     """
     # δ_t = r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
@@ -260,22 +279,24 @@ def judge(model, data, cfg):
 
 
 def improve(model, optimizer, data, cfg):
-    """(3) Gradient steps on a rollout (tensors [T, N, …]); returns numbers, on all samples:
-    before them entropy, explained_variance; after them clip_fraction, approx_kl, value_loss.
+    """(3) Gradient steps on a rollout (tensors [T, N, …]). Returns numbers over all samples: before
+    these steps entropy and explained_variance; after them clip_fraction, approx_kl, value_loss.
     """
     advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean()  # [nats]
-        # 1 − Var[target − V] / Var[target].   1: V predicts the return, 0: V is no better than a
-        # constant, the mean of all targets (usual while rare falls make most of the variance)
+        # 1 − Var[target − V] / Var[target].   1: V predicts the return. 0: V is no better than a
+        # constant, the mean of all targets. 0 is usual here: rare falls make most of the variance.
         unexplained = (targets - model.value(obs)).var() / targets.var()
         before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
             # Â = (A − mean) / std over the minibatch: is it better or worse than the others? So the
-            # size of the rewards does not matter.
+            # actor's loss does not depend on the unit of the rewards. (The critic's does, and both
+            # gradients are limited together.) A single fall makes the std large: its −20 let the Â
+            # of all others shrink to about a fifth.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -300,14 +321,48 @@ def improve(model, optimizer, data, cfg):
 
 
 # ------------------------------------------------------------------------ the loop
-def train(cfg, make_envs, out, total_steps, seed=0, resume=False, make_model=ActorCritic, **about):
+def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=improve):
+    """The loop, from update `first` on. After every update it yields numbers for the log, by name.
+
+    improve(model, optimizer, data, cfg) changes the model, and returns such numbers, too.
+    """
+    obs, _ = envs.reset(seed=seed)
+    for update in range(first, updates):
+        rate = cfg.learning_rate * (1.0 - update / updates)  # falls linearly to 0
+        optimizer.param_groups[0]["lr"] = rate
+        data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
+        numbers = improve(model, optimizer, data, cfg)  # (2), (3)
+        if not np.isfinite(numbers.get("value_loss", 0)):
+            known = data["obs"].isfinite().all() and data["reward"].isfinite().all()
+            hint = "a smaller learning rate?" if known else "nor is an observation or a reward"
+            raise InputError(f"update {update + 1}: the loss is not finite ({hint})")
+        # The sharpness grows linearly: 1 in the first update, `sharpest` after the last one.
+        model.sharpness = 1.0 + (cfg.sharpest - 1.0) * ((update + 1) / updates)
+        yield {**numbers, **episode_means(infos), "learning_rate": rate}  # (4)
+
+
+@one_thread()
+def train(
+    cfg,
+    make_envs,
+    out,
+    total_steps,
+    seed=0,
+    resume=False,
+    make_model=ActorCritic,
+    improve=improve,
+    **about,
+):
     """Trains for `total_steps` steps of all robots together; (model, rows of the log).
 
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
-    out: an existing folder, a Path; about: plain values, stored with the policy.
+    out: an existing folder, a Path; improve: see `learn`; about: is stored with the policy.
     """
+    cfg = replace(cfg, **plain(cfg))
+    check_config(cfg)
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
     updates = math.ceil(total_steps / samples)
+    checkpoint = out / "checkpoint.pt"
     torch.manual_seed(random_seed(seed))
     with contextlib.closing(make_envs(cfg.num_envs)) as bare:
         envs = gym.wrappers.vector.RecordEpisodeStatistics(bare)
@@ -320,64 +375,47 @@ def train(cfg, make_envs, out, total_steps, seed=0, resume=False, make_model=Act
         )
         # foreach: one call for all weights, which is quicker; eps as in [8]
         optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
-        about |= {"seed": seed, "steps": updates * samples, "config": asdict(cfg)}
+        about |= {"seed": seed, "steps": updates * samples, "config": cfg}
         if hasattr(bare, "world"):
             about["fits"] = fingerprint(bare.world, model.shape["obs_dim"])
-        rows, policies = [], {}  # the log; the first policy and that after a tenth of the way
+        about = plain(about)
+        start = copy.deepcopy(policy_file(model, about))
+        rows, policies = [], {"policy.start.pt": start, "policy.tenth.pt": start}
         if resume:
-            rows, policies = load_checkpoint(out, about, model, optimizer)
-        elif (out / "checkpoint.pt").exists():  # of another training, which may yet be wanted
-            os.replace(out / "checkpoint.pt", out / "checkpoint.previous.pt")
+            rows, policies = load_checkpoint(checkpoint, about, model, optimizer)
+        elif checkpoint.exists():  # of another training, which may yet be wanted
+            robot_model.atomic_write(out / "checkpoint.previous.pt", checkpoint.replace)
             print("the checkpoint of a stopped training: now checkpoint.previous.pt")
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
         new_seed = random_seed(seed, 1 + first)  # others than before the stop
         torch.manual_seed(new_seed)
-        obs, _ = envs.reset(seed=new_seed)
-        bar = tqdm(
-            range(first, updates), total=updates, initial=first, unit=" steps", unit_scale=samples
-        )
-        for update in bar:
-            # Learning rate and sharpness change linearly with p, from 0 to (nearly) 1.
-            p = update / updates
-            rate = cfg.learning_rate * (1.0 - p)
-            optimizer.param_groups[0]["lr"] = rate
-            model.sharpness = 1.0 + (cfg.sharpest - 1.0) * p
-            if update in (0, updates // 10):  # with the weights as they are now
-                policies["policy.tenth.pt"] = copy.deepcopy(plain(model, about))
-                policies.setdefault("policy.start.pt", policies["policy.tenth.pt"])
-            data, obs, infos = collect(model, envs, obs, cfg.rollout)
-            numbers = improve(model, optimizer, data, cfg)
-            if not np.isfinite(numbers["value_loss"]):
-                raise InputError(
-                    f"update {update + 1}: the loss is not finite (a smaller learning rate?)"
-                )
-            means = episode_means(infos)
-            rows.append(
-                {
-                    "steps": (update + 1) * samples,
-                    "minutes": (time.monotonic() - started) / 60,
-                    **numbers,
-                    **means,
-                    "learning_rate": rate,
-                }
-            )
+        log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
+        bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
+        for numbers in bar:
             bar.set_description(
-                f"success {means['success']:.2f}, falls {means['fall']:.2f}, "
-                f"return {means['return']:.2f}"
+                f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
+                f"return {numbers['return']:.2f}"
             )
-            networks = {"model": model.state_dict(), "optimizer": optimizer.state_dict()}
-            log = {"about": about, "rows": rows, "policies": policies}
-            save_plain(out / "checkpoint.pt", networks | log)
-    model.sharpness = cfg.sharpest
-    table = [list(row.values()) for row in rows]
-    np.savetxt(
-        out / "learning_curve.csv", table, "%.9g", ",", header=",".join(rows[0]), comments=""
+            minutes = (time.monotonic() - started) / 60
+            steps = (len(rows) + 1) * samples
+            rows.append(plain({"steps": steps, "minutes": minutes, **numbers}))
+            policies["policy.pt"] = policy_file(model, about | {"minutes": minutes})
+            if len(rows) == updates // 10:
+                policies["policy.tenth.pt"] = copy.deepcopy(policies["policy.pt"])
+            stored = {"rows": rows, "policies": policies, "optimizer": optimizer.state_dict()}
+            try:
+                save_plain(checkpoint, stored)
+            except InputError as error:
+                robot_model.note(f"{error}; the training goes on")
+    table, header = [list(row.values()) for row in rows], ",".join(rows[0])
+    robot_model.atomic_write(
+        out / "learning_curve.csv",
+        lambda file: np.savetxt(file, table, "%.9g", ",", header=header, comments=""),
     )
-    policies["policy.pt"] = plain(model, about | {"minutes": rows[-1]["minutes"]})
     for name, stored in policies.items():  # together, so that all of them are of one training
         save_plain(out / name, stored)
-    (out / "checkpoint.pt").unlink()
+    checkpoint.unlink(missing_ok=True)
     return model, rows
 
 
@@ -386,12 +424,12 @@ def episode_means(infos):
     ended = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
     for info in (info for info in infos if "episode" in info):
         done = info["_episode"]  # [N] whose episode has ended
-        final = info["final_info"]  # in which Pendulum, for example, says nothing
+        final = info["final_info"]  # that of other environments has no outcome
         final = {"return": info["episode"]["r"], "length": info["episode"]["l"], **final}
         for name in ended.keys() & final.keys():  # "return": sum of rewards, not discounted
             counted = done & final["success"] if name == "time" else done
             ended[name] += final[name][counted].tolist()
-    return {name: float(np.mean(v)) if v else float("nan") for name, v in ended.items()}
+    return {name: np.mean(v) if v else np.nan for name, v in ended.items()}
 
 
 def random_seed(*numbers):
@@ -399,22 +437,41 @@ def random_seed(*numbers):
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 
-# ------------------------------------------------------------------------ files
+# ------------------------------------------------------------------------ settings and files
+def check_config(cfg):
+    """A ValueError for settings with which nothing can be learned."""
+    counts = "num_envs", "rollout", "epochs", "minibatch"
+    robot_model.check(cfg, above_zero=counts)
+    if not (cfg.gamma <= 1 and cfg.lam <= 1 and cfg.first_concentration > 2):
+        raise ValueError(
+            f"PPOConfig: gamma {cfg.gamma} and lam {cfg.lam} are at most 1, first_concentration "
+            f"{cfg.first_concentration} is above 2, as α and β are above 1"
+        )
+
+
+def plain(value):
+    """The value as numbers, texts, lists and dicts; also arrays and dataclasses in it. (A file with
+    numbers of numpy in it can be written, but not be read.)"""
+
+    def parts(of):
+        return of.tolist() if hasattr(of, "tolist") else vars(of)
+
+    return json.loads(json.dumps(value, default=parts))
+
+
 def fingerprint(world, observed):
     """What a policy is trained in, plain values; observed: how many rows of the observation."""
-    settings = {
-        "walk": world.engine.parameters,
-        "step limit": world.limits,
-        "task": world.task,
-        "spread": world.spread,
-        "robot": world.engine.robot,
-    }
-    facts = {
-        "simulator": world.sim,
-        "observation": [row[0] for row in env.observation_table(imu=True)[:observed]],
-        **{name: asdict(value) for name, value in settings.items()},
-    }
-    return json.loads(json.dumps(facts))  # no types but those that every file knows
+    return plain(
+        {
+            "simulator": world.sim,
+            "observation": [row[0] for row in env.observation_table(imu=True)[:observed]],
+            "walk": world.engine.parameters,
+            "step limit": world.limits,
+            "task": world.task,
+            "spread": world.spread,
+            "robot": world.engine.robot,
+        }
+    )
 
 
 def differences(stored, here):
@@ -433,24 +490,25 @@ def load_plain(path, *keys):
     """The dict with these keys in a file of ours; foreign code in the file is never run."""
     try:
         with zipfile.ZipFile(path) as file:
-            damaged = file.testzip()  # PyTorch does not look at the check sums
+            whole = not file.testzip()  # PyTorch does not look at the check sums
         stored = torch.load(path, map_location="cpu", weights_only=True)
-        whole = not damaged and stored.keys() >= set(keys)
+        if whole and stored.keys() >= set(keys):
+            return stored
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}") from error
-    except Exception:  # torch raises many types, with messages of many lines
-        whole = False
-    if not whole:
-        raise InputError(f"{path}: damaged, or not written by 04_ppo.py")
-    return stored
+    except Exception:
+        pass  # torch raises many types, with messages of many lines
+    raise InputError(f"{path}: damaged, or not written by 04_ppo.py")
 
 
 def save_plain(path, stored):
     """Writes a dict of plain values and tensors."""
-    robot_model.atomic_write(path, partial(torch.save, stored))
+    memory = io.BytesIO()  # first: on a full disk PyTorch's own message is a riddle
+    torch.save(stored, memory)
+    robot_model.atomic_write(path, lambda file: file.write_bytes(memory.getvalue()))
 
 
-def plain(model, about):
+def policy_file(model, about):
     """What a policy's file holds: the model and `about` (plain values)."""
     return {**about, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
 
@@ -467,44 +525,47 @@ def load_policy(path):
     return model, about
 
 
-def load_checkpoint(out, about, model, optimizer):
-    """Puts the networks and Adam's state back where a training stopped; its log and policies."""
-    path = out / "checkpoint.pt"
-    stored = load_plain(path, "about", "rows", "policies", "model", "optimizer")
-    if found := differences(stored["about"], about):
+def load_checkpoint(path, about, model, optimizer):
+    """Puts networks and Adam's state back where a training stopped; its log and its policies."""
+    stored = load_plain(path, "rows", "policies", "optimizer")
+    last = stored["policies"]["policy.pt"]
+    if found := differences(last, about):
         raise InputError(f"{path}: cannot resume: {found[0]}")
-    model.load_state_dict(stored["model"])
+    model.load_state_dict(last["state_dict"])
+    model.sharpness = last["sharpness"]
     optimizer.load_state_dict(stored["optimizer"])
     return stored["rows"], stored["policies"]
 
 
 # ------------------------------------------------------------------------ the picture
 PANELS = {  # title and unit: columns
-    "how walks end [share of walks]": ("success", "timeout", "fall"),
+    "how walks end [share of walks]": ("success", "timeout"),
+    "falls [share of walks]": ("fall",),
     "time to the goal [s]": ("time",),
     "return, not discounted [1]": ("return",),
     "entropy of the policy, may be < 0 [nats]": ("entropy",),
     "samples outside of 1 ± ε [share]": ("clip_fraction",),
+    "change of the policy, KL [nats]": ("approx_kl",),
     "explained variance of the critic [1]": ("explained_variance",),
 }
 
 
 def plot_learning_curve(rows, path, title):
     """Every panel of the log: a faint dot for each update, and a running mean of a twentieth."""
-    log = {name: np.array([row[name] for row in rows]) for name in rows[0]}  # [U] each
+    steps = np.array([row["steps"] / 1000 for row in rows])  # [U]
     width = max(1, len(rows) // 20)
-    figure, grid = plt.subplots(2, 3, figsize=(12, 6.5))
+    figure, grid = plt.subplots(2, 4, figsize=(16, 6.5))
     for axes, (name, columns) in zip(grid.flat, PANELS.items()):
-        for k, column in enumerate(columns):  # nan where nothing was reported
-            mean = np.convolve(log[column], np.full(width, 1 / width), "valid")
-            steps = log["steps"] / 1000
+        for k, column in enumerate(columns):
+            values = np.array([row.get(column, np.nan) for row in rows])  # nan: not reported
+            mean = np.convolve(values, np.full(width, 1 / width), "valid")
             axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}", label=column)
-            axes.plot(steps, log[column], f"C{k}.", alpha=0.2)
+            axes.plot(steps, values, f"C{k}.", alpha=0.2)
         axes.set(title=name, xlabel="steps of all robots [thousands]")
         axes.legend()
-        axes.set_visible(np.isfinite(log[column]).any())
+        axes.set_visible(np.isfinite(values).any())
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    figure.suptitle(title)
+    figure.suptitle(title, parse_math=False)  # a $ in a name is no formula
     robot_model.save_figure(figure, path)
 
 
@@ -526,7 +587,7 @@ def gym_envs(env_id, num_envs):
             {"autoreset_mode": "SameStep"},
             (rescaled, gym.wrappers.FlattenObservation),
         )
-    except gym.error.Error as error:
+    except (gym.error.Error, ImportError) as error:
         raise InputError(f"{env_id}: {error}") from error
 
 

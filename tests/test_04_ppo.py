@@ -3,7 +3,11 @@
 import copy
 import inspect
 import math
+import os
 import random
+import re
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -34,6 +38,13 @@ COLUMNS = (
     "value_loss",
     "learning_rate",
 )  # of learning_curve.csv
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    """As in a training: small matrices are slower on several."""
+    with ppo.one_thread():
+        yield
 
 
 def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
@@ -301,7 +312,8 @@ constant = paid(lambda obs, action: np.ones(len(obs)))
 def learn(first, play, folder, updates=15, cfg=SMALL):
     """The model and its log after so many updates in a probe world."""
     steps = round(updates * cfg.num_envs * cfg.rollout)
-    return ppo.train(cfg, lambda n: Probe(n, first, play), folder, steps)
+    envs = partial(Probe, first=first, play=play)
+    return ppo.train(cfg, envs, folder, steps, improve=ppo.improve)  # which may be an exercise
 
 
 def value(model, obs):
@@ -355,10 +367,60 @@ def test_action_goes_to_the_target_of_its_observation(tmp_path):
     )
 
 
-def test_a_reward_that_is_not_finite_stops_the_training(tmp_path):
-    with pytest.raises(robot_model.InputError, match=r"\A.*not finite.*\Z"):
-        learn(zero, paid(lambda obs, action: math.nan * obs), tmp_path, updates=2)
+def nan_afterwards(obs, action):
+    return obs * np.nan, obs[:, 0], obs[:, 0] > 1, obs[:, 0] > 1
+
+
+@pytest.mark.parametrize("play, cfg, reason", [
+    (paid(lambda obs, action: math.nan * obs), SMALL, "nor is an observation or a reward"),
+    (nan_afterwards, SMALL, "nor is an observation or a reward"),
+    (constant, replace(SMALL, learning_rate=1e30), "a smaller learning rate?"),
+], ids=["reward", "observation", "learning rate"])  # fmt: skip
+def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reason):
+    said = rf"\Aupdate \d+: the loss is not finite \({re.escape(reason)}\)\Z"
+    with pytest.raises(robot_model.InputError, match=said):
+        learn(zero, play, tmp_path, updates=4, cfg=cfg)
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
+
+
+@pytest.mark.parametrize("changes, name", [
+    ({"gamma": 95.0}, "gamma"),
+    ({"gamma": -0.1}, "gamma"),
+    ({"lam": 1.01}, "lam"),
+    ({"clip": -0.2}, "clip"),
+    ({"learning_rate": math.nan}, "learning_rate"),
+    ({"first_concentration": 2.0}, "first_concentration"),
+    ({"num_envs": 0}, "num_envs"),
+    ({"rollout": 0}, "rollout"),
+    ({"epochs": 0}, "epochs"),
+    ({"minibatch": -1}, "minibatch"),
+], ids=str)  # fmt: skip
+def test_settings_with_which_nothing_can_be_learned_are_refused_at_once(tmp_path, changes, name):
+    with pytest.raises(ValueError, match=name):
+        learn(zero, constant, tmp_path, cfg=replace(SMALL, **changes))
+    assert not [*tmp_path.iterdir()], "before anything is written"
+
+
+def test_an_algorithm_of_one_s_own_is_an_argument(tmp_path):
+    """REINFORCE with a mean return as baseline: five lines, and the same loop, log and files."""
+
+    def reinforce(model, optimizer, data, cfg):
+        obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)
+        better = data["reward"].flatten() - data["reward"].mean()  # worlds of single steps
+        loss = -(model.policy(obs).log_prob(action) * better).mean()
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+        return {"loss": loss.detach().numpy()}
+
+    play = paid(lambda obs, action: -16 * (action - 0.7) ** 2)
+    cfg = replace(SMALL, num_envs=128)
+    envs = partial(Probe, first=zero, play=play)
+    steps = 40 * cfg.num_envs * cfg.rollout
+    model, rows = ppo.train(cfg, envs, tmp_path, steps, improve=reinforce)
+    close(model.decide([[0.0]]), 0.7, "it has learned", atol=0.1)
+    assert set(rows[0]) == {"steps", "minutes", "loss", *EPISODES, "learning_rate"}
+    ppo.plot_learning_curve(rows, tmp_path / "curve.png", "a title with $ and $^$ in it")
 
 
 def test_collected_observations_are_followed_by_what_really_followed():
@@ -563,7 +625,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
             pi = model.policy(torch.zeros(1, 1))
         close(pi.mode, [[first]], atol=0.01)
         close(pi.mean * (1 - pi.mean) / pi.variance, [[51.0]], "α + β + 1", rtol=0.02)
-        assert model.shape["hidden"] == (8,)
+        assert model.shape["hidden"] == [8]
 
 
 def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monkeypatch):
@@ -624,9 +686,9 @@ def wandering(num_envs, kind=Probe):
 def stopped(folder, update, **more):
     """A training that is interrupted in this update."""
     calls = [*[mock.DEFAULT] * (update - 1), KeyboardInterrupt]
-    with mock.patch.object(ppo, "improve", mock.Mock(wraps=ppo.improve, side_effect=calls)):
-        with pytest.raises(KeyboardInterrupt):
-            ppo.train(QUICK, wandering, folder, 7 * 64, 3, **more)
+    improve = mock.Mock(wraps=ppo.improve, side_effect=calls)
+    with pytest.raises(KeyboardInterrupt):
+        ppo.train(QUICK, wandering, folder, 7 * 64, 3, improve=improve, **more)
 
 
 def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
@@ -635,7 +697,7 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
         stopped(tmp_path, update, resume=done > 3)
         assert not (tmp_path / "policy.pt").exists(), "it is written at the end"
-        stored = ppo.load_plain(tmp_path / "checkpoint.pt", "model", "optimizer")
+        stored = ppo.load_plain(tmp_path / "checkpoint.pt", "optimizer")
         steps = stored["optimizer"]["state"][0]["step"]
         assert steps == done * QUICK.epochs * 2, "gradient steps: Adam's state is stored, too"
     model, rows = ppo.train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True)
@@ -666,6 +728,103 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     ppo.train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
     assert {ppo.load_policy(tmp_path / name)[1]["seed"] for name in names} == {3}
     assert contents(tmp_path)["checkpoint.previous.pt"] == kept["checkpoint.pt"], "nothing is lost"
+
+
+FIVE = np.arange(5)
+
+
+@pytest.mark.parametrize("cfg, seed, about", [
+    ({"learning_rate": np.logspace(-4, -3, 3)[0]}, 3, {}),
+    ({"sharpest": np.float32(4), "gamma": np.float64(0.9)}, 3, {}),
+    ({"hidden": (np.int64(8),), "epochs": FIVE[1], "minibatch": FIVE[4]}, 3, {}),
+    ({}, FIVE[3], {}),
+    ({}, 3, {"push": np.linspace(0, 1, 3), "noise": np.bool_(True)}),
+], ids=["learning rate", "float", "counts", "seed", "about"])  # fmt: skip
+def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path, cfg, seed, about):
+    """Sweeps use np.logspace and np.arange. What is written can be read, and a training resumed."""
+    train = partial(ppo.train, replace(QUICK, **cfg), wandering, tmp_path, 3 * 64, seed, fits=FITS)
+    stop = mock.Mock(wraps=ppo.improve, side_effect=[mock.DEFAULT, KeyboardInterrupt])
+    with pytest.raises(KeyboardInterrupt):
+        train(improve=stop, **about)
+    train(resume=True, **about)
+    for name in "policy.start.pt", "policy.tenth.pt", "policy.pt":
+        _, found = ppo.load_policy(tmp_path / name)
+        assert found["seed"] == 3 and found.items() >= ppo.plain(about).items()
+
+
+def test_settings_with_arrays_have_a_fingerprint(tmp_path):
+    limits = env.StepLimits(*np.array([env.LIMITS["pymunk"].low, env.LIMITS["pymunk"].high]))
+    walk = replace(env.walk_engine.TUNED["pymunk"], half_ticks=np.int64(30))
+    with closing(env.FootstepWorld(1, limits=limits, walk=walk)) as world:
+        found = ppo.fingerprint(world, 20)
+    assert found["step limit"]["high"] == [*env.LIMITS["pymunk"].high]
+    assert type(found["walk"]["half_ticks"]) is int
+
+
+def locked(name):
+    """os.replace where another program keeps the file of this name open."""
+    replace = os.replace
+
+    def refuse(source, target):
+        if Path(target).name == name:
+            raise PermissionError(13, "Access is denied")
+        replace(source, target)
+
+    return mock.patch("os.replace", refuse)
+
+
+def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(robot_model.time, "sleep", lambda seconds: None)
+    with locked("checkpoint.pt"):
+        ppo.train(QUICK, wandering, tmp_path, 4 * 64, fits=FITS)
+    said = capsys.readouterr().out
+    assert said.count("checkpoint.pt: Access is denied; the training goes on") == 1, (
+        "once is enough"
+    )
+    assert ppo.load_policy(tmp_path / "policy.pt")[1]["steps"] == 4 * 64
+
+
+@pytest.mark.parametrize("name", ["policy.pt", "learning_curve.csv", "checkpoint.previous.pt"])
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch, name):
+    monkeypatch.setattr(robot_model.time, "sleep", lambda seconds: None)
+    stopped(tmp_path, 2, fits=FITS)
+    said = rf"\A.*{re.escape(name)}: Access is denied\Z"
+    with locked(name), pytest.raises(robot_model.InputError, match=said):
+        ppo.train(QUICK, wandering, tmp_path, 2 * 64, 3, fits=FITS)
+    assert not list(tmp_path.glob("*.tmp*")), "no half of a file is left"
+
+
+def test_on_a_full_disk_a_file_is_refused_with_the_reason(tmp_path, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(robot_model.InputError, match=r"\A.*policy\.pt: No space left on device\Z"):
+        ppo.save_plain(tmp_path / "policy.pt", ppo.policy_file(ppo.ActorCritic(5, 2), META))
+
+
+def test_a_student_s_own_pytorch_stays_as_it_is(tmp_path):
+    """Importing stage 4, a training and a decision change neither threads nor checks of others."""
+    seen, threads = [], torch.get_num_threads()
+
+    class Watching(Probe):
+        def step(self, action):
+            seen.append(torch.get_num_threads())
+            return super().step(action)
+
+    torch.set_num_threads(3)
+    try:
+        envs = partial(Watching, first=zero, play=constant)
+        model, _ = ppo.train(replace(SMALL, epochs=1), envs, tmp_path, 1)
+        model.decide([[0.0]])
+        assert torch.get_num_threads() == 3 and set(seen) == {1}, "one thread while it computes"
+    finally:
+        torch.set_num_threads(threads)
+    with pytest.raises(ValueError):
+        torch.distributions.Beta(-1.0, 1.0)
+    code = "import torch; n = torch.get_num_threads(); __import__('04_ppo'); "
+    code += "assert torch.get_num_threads() == n"
+    subprocess.run([sys.executable, "-c", code], cwd=Path(ppo.__file__).parent, check=True)
 
 
 def test_a_seed_is_a_training(tmp_path):
@@ -702,7 +861,7 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
         "fits: simulator": {"fits": {"simulator": "mujoco"}},
     }.items():
         refused(f"cannot resume: {name} .*, here ", **{"fits": FITS, **changes})
-    ppo.save_plain(tmp_path / "checkpoint.pt", ppo.plain(ppo.ActorCritic(1, 1), META))
+    ppo.save_plain(tmp_path / "checkpoint.pt", ppo.policy_file(ppo.ActorCritic(1, 1), META))
     refused(r"checkpoint\.pt: damaged, or not written")
     assert closed.call_count == 7, "the processes of a simulator would stay"
 
@@ -742,13 +901,13 @@ class Foreign:
     lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
     lambda path, good: torch.save([1, 2], path),
     lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
-    lambda path, good: torch.save({**ppo.plain(ppo.ActorCritic(5, 2), META), "hidden": (8,)}, path),
+    lambda path, good: torch.save({**ppo.policy_file(ppo.ActorCritic(5, 2), META), "hidden": (8,)}, path),
     lambda path, good: path.write_bytes(good[:9000] + b"weight" + good[9006:]),
 ], ids=["missing", "but for its end", "text", "code", "class", "list", "no weights",
         "other networks", "other weights"])  # fmt: skip
 def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
     path = tmp_path / "bad.pt"
-    ppo.save_plain(path, ppo.plain(ppo.ActorCritic(5, 2), META))
+    ppo.save_plain(path, ppo.policy_file(ppo.ActorCritic(5, 2), META))
     damage(path, path.read_bytes())
     said = r"\A.*bad\.pt: (No such file|damaged, or not|.*networks).*\Z"
     with pytest.raises(robot_model.InputError, match=said):
@@ -757,15 +916,19 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
 
 
 def test_a_failing_save_loses_nothing(tmp_path, monkeypatch):
-    save = partial(ppo.save_plain, tmp_path / "policy.pt", ppo.plain(ppo.ActorCritic(5, 2), META))
+    save = partial(
+        ppo.save_plain, tmp_path / "policy.pt", ppo.policy_file(ppo.ActorCritic(5, 2), META)
+    )
     save()
     before = contents(tmp_path)
 
-    def killed(stored, file):
-        file.write_bytes(b"half")
+    write = Path.write_bytes
+
+    def killed(path, data):
+        write(path, data[:9])
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(torch, "save", killed)
+    monkeypatch.setattr(Path, "write_bytes", killed)
     with pytest.raises(KeyboardInterrupt):
         save()
     assert contents(tmp_path) == before, "the old file, and no half of a new one"
@@ -842,6 +1005,18 @@ def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, space
     monkeypatch.chdir(tmp_path)
     with pytest.raises(robot_model.InputError, match=r"Square-v0: .* Box \[n\]: try Pendulum-v1"):
         ppo.main(["--env", "Square-v0", "--steps", "1"])
+
+
+@pytest.mark.parametrize("name", ["no_such_module:X-v0", "Needs-v0"])
+def test_a_task_whose_module_is_missing_is_one_line(tmp_path, monkeypatch, name):
+    def needs(**settings):
+        raise ModuleNotFoundError("No module named 'imageio'")
+
+    spec = gym.envs.registration.EnvSpec("Needs-v0", entry_point=needs)
+    monkeypatch.setitem(gym.registry, "Needs-v0", spec)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(robot_model.InputError, match=rf"\A{name}: .*(no_such_module|imageio).*\Z"):
+        ppo.main(["--env", name, "--steps", "1"])
 
 
 @pytest.mark.slow

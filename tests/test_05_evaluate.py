@@ -485,7 +485,7 @@ def save_untrained(path, sim="pymunk", imu=False, steps=10, **settings):
     }
     world.close()
     path.parent.mkdir(parents=True, exist_ok=True)
-    ppo.save_plain(path, ppo.plain(model, about))
+    ppo.save_plain(path, ppo.policy_file(model, about))
     return path
 
 
