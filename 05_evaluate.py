@@ -7,25 +7,31 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
     python 05_evaluate.py --gif            also a film: a race against baseline_tuned
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
-    python 05_evaluate.py --friction 0.4   the same ground for all, instead of a drawn one
+    python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). A policy that was trained with another
-walk, task or robot than those of the stages walks, too, and a note says what differs. It prints the
-table and writes it with evaluation.json, trials.csv and footsteps.png to `runs/<sim>/`. Predict:
-the paper's policy needs half the baseline's time, and falls about twice as often. Does this one?
+walk, task or robot than those of the stages is evaluated all the same, and a note says what
+differs. The stage prints tables. Their times are those of successes: mean, median, and the time
+that 95 % of them do not exceed. It writes table.md, evaluation.json, trials.csv and footsteps.png
+(two walks without noise) to `runs/<sim>/`. Predict: the paper's policy needs half the baseline's
+time, and falls about twice as often. Does this one?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
-is the goal as they know it, x, y [m], yaw [rad], with noise estimated from all measurements so far
-(stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
-planners meet the same goals, ground, bodies and pushes, and at their k-th decision the same noise
-(common random numbers), so a difference between two rows is due to the planners. The intervals show
-how far the rate in 500 trials may be from that in infinitely many. `baseline` is the paper's, but
-decides once per double step; `baseline_tuned` has settings optimised for this world.
+is the goal as they know it, x, y [m], yaw [rad]; with noise it is estimated from all measurements
+so far (stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
+planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same noise
+(common random numbers), so a difference between two rows is due to the planners. `baseline` is the
+paper's, but decides once per double step; `baseline_tuned` has settings optimised for this world.
+
+How sure are we? A 95 % interval holds the true rates, those of infinitely many trials, with which
+the count in these trials is compatible. Of 100 such intervals about 95 contain the truth. A far
+trial is a near one with its goal twice as far, so 500 near and 500 far walks are 500 pairs, not
+1,000 independent walks. Seed 0 is for trying things: judge what you chose by another `--seed`.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -75,7 +81,7 @@ class BaselineSettings:
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
     far_m: float = 1.0  # [m] farther away it faces the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
-    share: bool = False  # do both feet share sideways ways and turns? Ours
+    share: bool = False  # do both feet share a sideways distance and a turn? Ours
 
 
 TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-25
@@ -129,12 +135,12 @@ def low_pass(velocity, command, seconds, time_constant):
 def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot.
 
-    lead: share of a sideways way and of a turn that the leading foot takes, outward.
+    lead: share of a sideways distance and of a turn that the leading foot takes, outward.
     """
     # x: each foot lands v_x·(period/2) ahead of the other one
-    # y: of the way v_y·period the leading foot (left to the left, right to the right) takes its
-    #    share outward; the other one follows inward with the rest
-    # yaw: the turn ω·period likewise
+    # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
+    #    its share outward; the other one follows inward with the rest
+    # yaw: the same with the turn ω·period
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] [m, rad] to the left
     out = np.multiply(lead, way)  # of the leading foot
@@ -152,13 +158,15 @@ class BaselinePlanner:
         self.settings = settings
 
     def reset(self, num_robots):
-        self.velocity = np.full((num_robots, 3), np.nan)  # filtered: v_x, v_y [m/s], ω [rad/s]
+        self.velocity = np.zeros((num_robots, 3))  # filtered: v_x, v_y [m/s], ω [rad/s]
+        self.fresh = np.ones((num_robots, 1), bool)  # no command yet
 
     def act(self, view):
         """Actions [n, 6], clipped to the same step limits as the policy's."""
         command = velocity_command(view.goal, self.settings)
-        last = self.velocity[view.robots]
-        last = np.where(np.isnan(last), command, last)  # the first command is not filtered
+        # The first command is not filtered.
+        last = np.where(self.fresh[view.robots], command, self.velocity[view.robots])
+        self.fresh[view.robots] = False
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[view.robots] = velocity
         lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
@@ -185,7 +193,7 @@ class PolicyPlanner:
 # ------------------------------------------------------------------------ trials
 @dataclass
 class Trials:
-    """Where n robots shall go, and what decides about their ground, body and noise."""
+    """Where n robots should go, and what decides about their floor, body and noise."""
 
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: int  # of the random stream; trial i is number i in it
@@ -194,7 +202,7 @@ class Trials:
 
 
 def draw_trials(seed, count, far=False, purpose="evaluation"):
-    """The trials 0, 1, …; a far trial is a near one with its goal twice as far."""
+    """The trials 0, 1, …; a far trial is the near one of its number with the goal twice as far."""
     goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
     return Trials(goals, seed, purpose)
 
@@ -203,13 +211,13 @@ def evaluate(planner, world, trials, watch=None):
     """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
 
     watch(robots, motion) is called after every double step. Returns arrays [n]:
-        friction      μ of the ground
+        friction      μ of the floor
         outcome       a name in OUTCOMES
         time          [s] of a success: to the first of the two double steps that ended at the goal
         steps         double steps
         still_there   a success, and at the goal after two more double steps in place
         reached_once  at the goal at least once (all that the paper asks for)
-        time_once     [s] to that moment
+        time_once     [s] to that moment, or 0
     """
     n = len(trials.goals)
     everybody = np.arange(n)
@@ -218,15 +226,17 @@ def evaluate(planner, world, trials, watch=None):
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
-    time, time_once = np.zeros((2, n))  # time_once 0: not yet
+    time, time_once = np.zeros((2, n))  # [s]
+    reached_once = np.zeros(n, bool)
     walking = everybody  # [k] whose trial has not ended
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
             outcome[walking[result[name]]] = name
         time[walking] = result["time"]
-        first = result["inside"] & (time_once[walking] == 0)  # [k]
+        first = result["inside"] & ~reached_once[walking]  # [k]
         time_once[walking[first]] = result["time"][first]
+        reached_once[walking[first]] = True
         if watch:
             watch(walking, result["motion"])
         walking = walking[outcome[walking] == "running"]
@@ -244,7 +254,7 @@ def evaluate(planner, world, trials, watch=None):
         "time": time,
         "steps": steps,
         "still_there": still_there,
-        "reached_once": time_once > 0,
+        "reached_once": reached_once,
         "time_once": time_once,
     }
 
@@ -282,7 +292,7 @@ def record(planner, world, trials):
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
     """95 % interval of a rate: `count` of `total` trials (Wilson score; at 0 it is wide, too)."""
-    # (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n)
+    # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
@@ -312,7 +322,6 @@ def time_ratio(trials, reference):
     if not both.any():
         return {}
     ours, theirs = trials["time"][both], reference["time"][both]
-
     return {
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
@@ -329,7 +338,7 @@ def plot_footsteps(robot, columns, path):
     """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
-        title = name
+        title = f"{name}, without noise"
         for number, walk in enumerate(walks, 1):
             camera = robot_model.camera_at(-90, 90)
             robot_model.draw_way(panel, robot, walk["goal"], walk["feet"], camera)
@@ -337,15 +346,17 @@ def plot_footsteps(robot, columns, path):
             x, y, _ = walk["goal"]  # its name stands on the far side of it
             panel.text(x, y + math.copysign(0.22, y), f"goal {number}", ha="center", va="center")
             title += f"\ngoal {number}: {walk['ending']}, μ = {walk['friction']:.2f}"
-        panel.set(title=title, aspect="equal", xlabel="x [m]")
+        panel.plot(0, 0, "ro")
+        panel.set_title(title, parse_math=False)  # a $ in a name is no formula
+        panel.set(aspect="equal", xlabel="x [m]")
         panel.margins(0.15)
     axes[0].set_ylabel("y [m]")
     left, right, *_, goal = axes[0].patches  # as `draw_way` of stage 1 drew them
     figure.legend(
-        [left, right, goal, axes[0].lines[0]],
-        ["left foot", "right foot", "goal", "torso on the ground"],
+        [left, right, goal, axes[0].lines[0], axes[0].lines[-1]],
+        ["left foot", "right foot", "goal", "torso on the floor", "start"],
         loc="outside lower center",
-        ncols=4,
+        ncols=5,
     )
     robot_model.save_figure(figure, path)
 
@@ -357,7 +368,7 @@ def draw_scene(axes, robot, goal, feet, torso, joints, title):
     robot_model.draw_ground(axes, camera, 4)
     robot_model.draw_way(axes, robot, goal, feet, camera)
     robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
-    axes.set_title(title)
+    axes.set_title(title, parse_math=False)
 
 
 def plot_race(robot, walks, path, every=10, more=lambda axes: None):

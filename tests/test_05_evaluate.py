@@ -183,13 +183,14 @@ def test_only_the_first_command_of_a_trial_is_not_filtered():
         [(0.12, 0, 0), changed, (0, 0.07, 0.3)],
         "the filter smooths changes; before a first command is none",
     )
-    assert np.isnan(planner.velocity[0]).all(), "robot 0 was not asked, only robot 1"
+    planner.act(view(ahead, [0]))
+    close(planner.velocity[0], (0.12, 0, 0), "robot 0 was not asked before, only robot 1")
     steps = [[[0, 0.07 * PERIOD, 0.15 * PERIOD], [0, 0, -0.15 * PERIOD]]]
     close(env.to_footsteps(actions, LIMITS), steps, "it shares turns only")
 
 
 def test_wilson_interval():
-    hint = "Wilson: (p + z²/2n ± z·√(p·(1 − p)/n + z²/4n²)) / (1 + z²/n), z = 1.96 for 95 %"
+    hint = "Wilson: (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n), z = 1.96 for 95 %"
     close(evaluate.wilson(5, 10), [0.2366, 0.7634], hint, atol=1e-4)
     close(evaluate.wilson(490, 500), [0.9636, 0.9891], hint, atol=1e-4)
     close(evaluate.wilson(5, 10, 1.0)[0], 0.3492, "z is an argument", atol=1e-4)
@@ -410,7 +411,7 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
     outcome, steps, first, still_there = map(np.array, columns)
     count, planner, asked, step = np.zeros(len(poses), int), Wild(), [], noisy.step
 
-    def run(robots, trajectory):
+    def run(robots, plan, disturbance):
         ends = [poses[i][count[i]] for i in robots]
         count[robots] += 1
         torso = np.zeros((len(robots), 1, 6))
@@ -445,13 +446,11 @@ def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
     """If physics does exactly what was planned, the feet are exactly where they were planned."""
     world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), [0.3, -0.2, 0.5]
 
-    def run(robots, trajectory):
-        torso = trajectory.trunk[:, 1:].copy()
+    def run(robots, plan, disturbance):
+        torso = plan.trunk[:, 1:].copy()
         place = torso[..., [0, 1, 5]]
         torso[..., [0, 1, 5]] = robot_model.compose(moved + 0 * place, place)
-        return robot_model.Motion(
-            torso, trajectory.joints[:, 1:], torso[:, 0, 3:], np.zeros(1, bool)
-        )
+        return robot_model.Motion(torso, plan.joints[:, 1:], torso[:, 0, 3:], np.zeros(1, bool))
 
     monkeypatch.setattr(world.simulator, "run", run)
     (walk,) = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
@@ -521,7 +520,11 @@ def short_trials(tmp_path, monkeypatch):
     save_untrained(Path("results/pymunk/policy.pt"))
     monkeypatch.setattr(env, "FootstepWorld", partial(env.FootstepWorld, task=SHORT))
     drawn = {}  # what the figure would show
-    monkeypatch.setattr(evaluate, "plot_footsteps", lambda columns, path: drawn.update(columns))
+
+    def plot(robot, columns, path):
+        drawn.update(columns)
+
+    monkeypatch.setattr(evaluate, "plot_footsteps", plot)
     return drawn
 
 
@@ -684,7 +687,7 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     assert "paper" not in table, "the paper's rows are about its goals, not about yours"
     names = ["baseline", "baseline_tuned", "mine"]
     assert [*short_trials] == names, "yours goes before the policies"
-    plot_footsteps(short_trials, Path("out/footsteps.png"))
+    plot_footsteps(ROBOT, short_trials, Path("out/footsteps.png"))
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["goals"], content["push"]) == ("pymunk", "goals.csv", 0.0)
     pairs = {(row["planner"], row["reference"]) for row in content["ratios"]}
@@ -737,9 +740,10 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, monkeypatch):
     world = env.FootstepWorld(1, cores=1)
     plans, falls, pictures, run = [], [], itertools.count(), world.simulator.run
 
-    def watched(robots, trajectory):  # is it pushed? with the reflex?
-        plans.append((trajectory.push.any(), trajectory.reflex_gain.any()))
-        return replace(run(robots, trajectory), fell=np.array([bool(falls and falls.pop())]))
+    def watched(robots, plan, disturbance):  # is it pushed? with the reflex?
+        plans.append((disturbance.push.any(), plan.reflex_gain.any()))
+        motion = run(robots, plan, disturbance)
+        return replace(motion, fell=np.array([bool(falls and falls.pop())]))
 
     def do(kind, name, *what):
         figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
