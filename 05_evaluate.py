@@ -506,12 +506,15 @@ def play(world, planners, speed):
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
 def compare(results):
-    """Time ratios of every pair of planners; trials by (planner, noise, σ of the goals)."""
+    """The policy's times beside those of every other planner, see `time_ratio`; trials by (planner,
+    noise, σ of the goals).
+    """
     ratios = []
-    for one, other in itertools.combinations(results, 2):
-        if one[1:] == other[1:] and (ratio := time_ratio(results[one], results[other])):
-            row = dict(zip(("planner", "noise", "goal_std_m"), one))
-            ratios.append({**row, "reference": other[0], **ratio})
+    for (name, noise, std), trials in results.items():
+        ratio = time_ratio(results["policy", noise, std], trials)
+        if name != "policy" and ratio:
+            row = {"planner": "policy", "noise": noise, "goal_std_m": std, "reference": name}
+            ratios.append({**row, **ratio})
     return ratios
 
 
@@ -559,57 +562,56 @@ def number(value, form):
 
 
 def table(rows, ratios):
-    """Markdown: our rows; by the paper's rule, with the paper's own; how planners compare."""
-    ours, once, pairs = [], [], []
-    for row in rows:
-        which = f"{'yes' if row['noise'] else 'no'} | {row['planner']}"
-        low, high = row["success_ci95"]
-        times = {
-            name: f"{number(row[f'{name}_mean'], '.2f')} ± {number(row[f'{name}_std'], '.2f')}"
-            for name in ("time", "time_once")
-        }
-        ours.append(
-            f"{goals_of(row)} | {which} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
-            f"| {row['timeout']:.3f} | {row['fall']:.3f} | {times['time']} "
-            f"| {number(row['time_median'], '.1f')}, {number(row['time_p95'], '.1f')} "
-            f"| {number(row['still_there'], '.3f')}"
-        )
-        known = PAPER.get((row["planner"], row["noise"]))
-        if known and row["goal_std_m"] == env.Task.goal_std_m:
-            once.append(
-                f"{which} | ours | {row['reached_once']:.3f} | {row['timeout_once']:.3f} "
-                f"| {row['fall_once']:.3f} | {times['time_once']}"
+    """Markdown: our rows, a table for each kind of goals; those rows by the paper's rule that the
+    paper has, too; the policy's times beside those of others. All fit into 100 columns."""
+    parts, once, pairs = [], [], []
+    for (goals, noise), same in itertools.groupby(rows, kind_of):
+        ours = []
+        for row in same:
+            low, high = row["success_ci95"]
+            mean, median, late = (
+                number(row[f"time_{name}"], ".2f") for name in ("mean", "median", "p95")
             )
-            once.append(f"{which} | paper | {known}")
+            ours.append(
+                f"{row['planner']} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
+                f"| {row['timeout']:.3f} | {row['fall']:.3f} | {mean}, {median}, {late} "
+                f"| {number(row['still_there'], '.3f')}"
+            )
+            known = PAPER.get((row["planner"], row["noise"]))
+            if known and row["goal_std_m"] == env.Task.goal_std_m:
+                mean, std = (number(row[f"time_once_{name}"], ".2f") for name in ("mean", "std"))
+                once.append(
+                    f"{noise} | {row['planner']} | ours | {row['reached_once']:.3f} "
+                    f"| {row['timeout_once']:.3f} | {row['fall_once']:.3f} | {mean} ± {std}"
+                )
+                once.append(f"{noise} | {row['planner']} | paper | {known}")
+        head = "planner | success [95 %] | timeout | fall | time [s], median, 95 % | still there"
+        parts.append(f"Goals: {goals}; noise: {noise}\n\n" + markdown(head, ours))
     for row in ratios:
         low, high = row["time_ratio_ci95"]
         pairs.append(
-            f"{goals_of(row)} | {'yes' if row['noise'] else 'no'} | {row['planner']} "
-            f"| {row['reference']} | {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] "
-            f"| {row['median']:.3f} | {row['faster']:.3f}, {row['slower']:.3f} | {row['goals']}"
+            f"{' | '.join(kind_of(row))} | {row['reference']} "
+            f"| {row['time_ratio']:.3f} [{low:.3f}, {high:.3f}] | {row['median']:.3f} "
+            f"| {row['faster']:.3f}, {row['slower']:.3f} | {row['goals']}"
         )
-    text = markdown(
-        "goals σ | noise | planner | success [95 % interval] | timeout | fall "
-        "| success time [s] | median, 95 % | still there",
-        ours,
-    )
     if once:
-        text += (
-            "\nBy the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
+        parts.append(
+            "By the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
+            + markdown("noise | planner | source | success | timeout | fall | time [s]", once)
         )
-        text += markdown("noise | planner | source | success | timeout | fall | time [s]", once)
     if pairs:
-        text += "\nMean success time of a planner ÷ that of another, over goals both reached:\n\n"
-        text += markdown(
-            "goals σ | noise | planner | other | ratio | median | faster, slower | common goals",
-            pairs,
+        head = "goals | noise | other | ratio [95 %] | median | faster, slower | common goals"
+        parts.append(
+            "Mean success time of `policy` ÷ that of another planner, over goals both reached:\n\n"
+            + markdown(head, pairs)
         )
-    return text
+    return "\n".join(parts)
 
 
-def goals_of(row):
-    """σ of the goals as a text."""
-    return f"{row['goal_std_m']} m" if row["goal_std_m"] else "own"
+def kind_of(row):
+    """Which goals, and are they measured with noise: two texts."""
+    goals = f"σ {row['goal_std_m']} m" if row["goal_std_m"] else "own"
+    return goals, "yes" if row["noise"] else "no"
 
 
 # ------------------------------------------------------------------------ files
