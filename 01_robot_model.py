@@ -72,7 +72,7 @@ import sys
 import tempfile
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 
@@ -545,7 +545,8 @@ class Simulator:
         close()                         if it has something to end
 
     where targets [n, ticks, 2, 12] are joint targets [rad] and their rates [rad/s], and push
-    [n, ticks, 2] is the force on the torso [N].
+    [n, ticks, 2] is the force on the torso [N]. Its constructor makes `state` and calls `reset`. As
+    `simulate` of stages 2 and 3 it gets what `make_sim` gets.
     """
 
     planar = False  # do the robots live in the sagittal plane?
@@ -728,7 +729,8 @@ class MujocoSim(Simulator):
     the knee is 4 ms late, the other joints are 1.5 ms early. The targets' rates are not used.
 
     model: another MuJoCo model of a robot with a free joint, our twelve joints and their servos, in
-    our order; parts: the names of its bodies to which the columns of `Body.mass` belong.
+    our order, whose soles and floor touch as pairs; parts: the names of its bodies to which the
+    columns of `Body.mass` belong, the torso first.
     """
 
     # Columns of MuJoCo's state [38]; from 20 on velocities: of the position, angular velocity about
@@ -747,7 +749,7 @@ class MujocoSim(Simulator):
         ),
     )
 
-    def __init__(self, num_robots, standing, robot, cores=1, model=None, parts=PARTS):
+    def __init__(self, num_robots, standing, robot, cores=None, model=None, parts=PARTS):
         import mujoco.rollout  # only here: everything else works without MuJoCo
 
         super().__init__(num_robots, standing, robot)
@@ -755,6 +757,9 @@ class MujocoSim(Simulator):
         mujoco.set_mju_user_warning(lambda text: None)
         torso, joints = standing
         self.model = model or mujoco_model(robot)
+        if not math.isclose(self.model.opt.timestep * robot.substeps, robot.control_dt):
+            raise ValueError("the model's timestep must be control_dt / substeps")
+        cores = min(cores or CORES, num_robots)
         self.parts = [self.model.body(name).id for name in parts]
         self.models = [self.model] * num_robots  # of each robot; its own after a reset with a Body
         self.data = [mujoco.MjData(self.model) for _ in range(cores)]
@@ -764,7 +769,7 @@ class MujocoSim(Simulator):
         # Standing at the origin [38]: turned by the pitch about y, see `euler`; at rest.
         turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]
         self.start = np.concatenate([[0], torso[:3], turn, joints, np.zeros(self.model.nv)])
-        self.state = np.empty((num_robots, 38))
+        self.state = np.tile(self.start, (num_robots, 1))
         self.reset(np.arange(num_robots))
 
     def place(self, robots, body):
@@ -796,11 +801,11 @@ class MujocoSim(Simulator):
         if os.getpid() != self.process:  # its threads are not there: it would wait for ever
             raise RuntimeError("this world was made in another process: make one in this process")
         substeps = self.robot.substeps
-        # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12 on,
-        # the torso's from 18 on.
+        # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12 on
         inputs = np.zeros((*push.shape[:2], 12 + 6 * self.model.nbody))
         inputs[..., :12] = targets[:, :, 0]
-        inputs[..., 18:20] = push
+        torso = 12 + 6 * self.parts[0]
+        inputs[..., torso : torso + 2] = push
         states, _ = self.pool.rollout(
             [self.models[i] for i in robots],
             self.data,
@@ -869,7 +874,7 @@ class PymunkSim(Simulator):
     PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
-    def __init__(self, num_robots, standing, robot, cores=1):
+    def __init__(self, num_robots, standing, robot, cores=None):
         super().__init__(num_robots, standing, robot)
         self.links = planar_links(robot)
         # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
@@ -1054,7 +1059,7 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
     """N robots in one of SIMULATORS, standing as `stance` says, also after every reset. cores:
     threads of MuJoCo (None: all that the machine has); on the plane it does nothing.
     """
-    return SIMULATORS[sim](num_robots, standing, robot, min(cores or CORES, num_robots))
+    return SIMULATORS[sim](num_robots, standing, robot, cores)
 
 
 # ------------------------------------------------------------------------ drawing
@@ -1142,20 +1147,25 @@ class InputError(Exception):
 
 
 def check(settings, above_zero=(), may_be_negative=()):
-    """A ValueError if a number of these settings (a dataclass) is not finite, or is negative and
-    not in `may_be_negative`, or is 0 and in `above_zero`; these are names of fields."""
-    for name, value in vars(settings).items():
+    """A ValueError that names a field of these settings (a dataclass), if its number is not finite,
+    or is negative and not in `may_be_negative`, or is 0 and in `above_zero`; if a float is no single
+    number, or an int no whole one."""
+    for field in fields(settings):
+        value = getattr(settings, field.name)
         if is_dataclass(value):
             check(value, above_zero, may_be_negative)
             continue
-        numbers = np.array(value, float)
-        right = np.isfinite(numbers)
-        if name not in may_be_negative:
-            right &= numbers >= 0
-        if name in above_zero:
-            right &= numbers > 0
-        if not right.all():
-            raise ValueError(f"{type(settings).__name__}: {name} cannot be {value!r:.80}")
+        try:
+            numbers = np.array(value, float)
+        except (TypeError, ValueError):
+            numbers = np.array(np.nan)
+        right = np.isfinite(numbers).all()
+        right &= field.type not in (int, float) or numbers.ndim == 0
+        right &= field.type is not int or numbers % 1 == 0
+        right &= field.name in may_be_negative or (numbers >= 0).all()
+        right &= field.name not in above_zero or (numbers > 0).all()
+        if not right:
+            raise ValueError(f"{type(settings).__name__}: {field.name} cannot be {value!r:.80}")
 
 
 def check_robot(robot):
@@ -1165,8 +1175,11 @@ def check_robot(robot):
     check(
         robot,
         above_zero=("mass", "inertia", "yaw_inertia", *lengths, *divisors),
-        may_be_negative=("com", "hip_z", "joint_min", "joint_max"),
+        may_be_negative=("com", "hip_x", "hip_z", "joint_min", "joint_max"),
     )
+    for name in "torque_limit", "speed_limit", "joint_min", "joint_max", "damping", "stiction":
+        if np.shape(getattr(robot, name)) != (6,):
+            raise ValueError(f"RobotModel: {name} needs six numbers, one for each motor of a leg")
 
 
 @cache

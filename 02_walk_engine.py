@@ -300,6 +300,8 @@ class WalkEngine:
         p = self.parameters = parameters
         signed = "trunk_phase", "trunk_pitch", "trunk_x_offset", "pitch_per_step", "trunk_roll"
         robot_model.check(p, ("half_ticks", "foot_distance", "trunk_height"), signed)
+        if p.double_support >= 1 or abs(p.trunk_phase) >= 0.5:
+            raise ValueError(f"double_support below 1, trunk_phase within ± 0.5: {p}")
         robot_model.check_robot(robot)
         self.robot = robot
         self.planar = planar
@@ -554,6 +556,7 @@ def plot_push(tilts, engine, path, title):
 def plot_plan(engine, plan, motion, path):
     """A robot's double step over time: trunk and soles, planned and measured."""
     robot, time = engine.robot, np.arange(len(plan.trunk[0])) * engine.robot.control_dt
+    walked = np.arange(1, motion.ticks[0] + 1) * robot.control_dt  # longer, if it waits
     torso = motion.torso[0] + [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # plan's origin
     points, turn = robot_model.body_points(robot, motion.torso[0], motion.joints[0])
     # The lowest point of a sole [T, 2]: heel or toe, and the edge to which the foot tilts
@@ -565,10 +568,10 @@ def plot_plan(engine, plan, motion, path):
             color = robot_model.COLORS[foot]
             axis.plot(time, plan.feet[0, :, foot, k], color=color, label=f"{name}, planned")
             if k == 2:
-                axis.plot(time[1:], soles[:, foot], "--", color=color, label=f"{name}, measured")
+                axis.plot(walked, soles[:, foot], "--", color=color, label=f"{name}, measured")
         if k < 2:
             axis.plot(time, plan.trunk[0, :, k], "k", label="trunk, planned")
-            axis.plot(time[1:], torso[:, k], "k--", label="torso, measured")
+            axis.plot(walked, torso[:, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
     lines = [*axes[0].lines, *axes[2].lines[1:4:2]]

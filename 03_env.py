@@ -3,13 +3,13 @@
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal or with a
 fall. To arrive is to stay: two double steps in a row must end at the goal (the paper asks for one).
 
-    python 03_env.py      a random and a hand-written planner side by side; 8 seconds
+    python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
 (`--mujoco` in 3-D. Both planners walk to goals that are measured without noise.) Prints what is
-observed, what an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`, whose last
+observed, what an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`, whose right
 panel is about noisy goals. Predict: which two reward terms have the largest positive sums for the
-hand-written planner, and which ones have negative sums? A measurement is off by 5 cm. By how much
-is the estimate off that a Kalman filter makes of the first one, of five, of ten of them?
+hand-written planner, and which ones have negative sums? A measurement is off by 5 cm. How far off is
+an estimate from one, from five, from ten of them?
 
 An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
 the actions; a policy is a planner that is learned: a function from the observation to an action. At
@@ -71,20 +71,20 @@ class Task:
     s_c: float = 0.1  # [-] continuity
     s_fall: float = 20.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
-    s_time: float = 0.04  # [1/period] cost of time, per usual double step; ours
+    s_time: float = 0.04  # [-] cost of time, per usual double step; ours
 
 
 @dataclass(frozen=True)
 class Spread:
     """How far ground and robot may be from the model in an episode (domain randomization). All
-    zeros: the model itself. Every value is drawn uniformly and independently; sizes: our choice."""
+    zeros: the model itself. All values are random, most of them uniform; sizes: our choice."""
 
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
     stiffness: float = 0.20  # [-] ± share of every motor's position gain
     stiction: float = 1.5  # [N m] 0 to this: dry friction of every joint
     stiction_share: float = 0.5  # [-] ± share of that dry friction which the RobotModel has
-    delay: int = 1  # [ticks] 0 or this, equally likely; at most 1: from target to motor
+    delay: int = 1  # [ticks] from target to motor: 0 or this, equally likely; at most 1
     gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
     zero: float = 0.0  # [rad] standard deviation of a joint's wrong zero, constant in an episode
     com: float = 0.0  # [m] ± on x, y, z of the torso's centre of mass
@@ -92,7 +92,7 @@ class Spread:
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
         drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
-        more = [rng.spawn(1)[0] for rng in rngs]  # so that what is drawn later stays the same
+        more = [rng.spawn(1)[0] for rng in rngs]  # others, so that the 35 and later ones stay
         stiction = np.tile(robot.stiction, 2)  # [12]
         return robot_model.Body(
             np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
@@ -240,22 +240,24 @@ def potentials(goal, near_m):
 
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task(), periods=1):
-    """The seven scaled terms, each [n]: r_d, r_a, r_o, r_c, r_fall, r_goal, r_time; their sum is
-    the reward. Costs (a fall, a double step, a change of the steps) are negative.
+    """The scaled reward terms by name, each [n]; their sum is the reward. Costs (a fall, time, a
+    change of the steps) are negative.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]; periods [n]: how long it took, 1 if the robot did not wait. All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the
-    potential Φ (`potentials`) after the double step minus that before it. γ is the discount of
-    stage 4: a reward t double steps ahead counts γᵗ times. Split the progress in two:
+    [0, 1]; periods [n]: how long it took, in usual double steps.
+
+    All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
+    (`potentials`) after the double step minus that before it. γ is the discount of stage 4: a
+    reward t double steps ahead counts γᵗ times. Split the progress in two:
 
         Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′
 
     The first part is potential-based shaping (Ng, Harada, Russell, 1999). In a discounted sum all
     but its ends cancel, Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0. So where Φ_T is 0 the best policy is
     the same with it and without it: it only tells sooner what is good. The second part is a reward
-    of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is above 0, so
-    walking in circles collects only costs. (The cost of time, s_time, alone sums up to
-    0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 for a walk without end.)
+    of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is above 0, so this
+    part is never a gain. (The cost of time, s_time, alone sums up to
+    0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 for a walk without end that never waits.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
@@ -313,11 +315,10 @@ def correct(goal, covariance, measured, noise):
 
 
 # ------------------------------------------------------------------------ the world
-# Random numbers: every robot has a generator. In each episode it makes others, one for each
-# purpose, so a planner that measures the goal twice does not change the ground:
-#     robot ─► episode ─┬► goal    ├► noise of the goal        ├► pushes
-#                       ├► world   ├► noise of the IMU when    └► errors of the gyro ─► and of the
-#                       │          │  a planner looks             tilt, within a double step
+# Random numbers: every robot has a generator. In each episode it makes others, one for each purpose,
+# so a planner that measures the goal twice does not change the ground: the goal, the world (ground
+# and body), the noise of the goal, that of the IMU when a planner looks, pushes, and what the
+# robot's own computer reads within a double step, gyro and tilt.
 GOAL, WORLD, NOISE, IMU, PUSH, GYRO, TILT = range(7)
 
 
@@ -330,7 +331,7 @@ class View:
     #                   measurements so far
     observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
     actions: np.ndarray  # [n, 2, 6] the last one, the one before
-    period: float  # [s] of a double step
+    period: float  # [s] of a usual double step, which does not wait
     limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
 
@@ -347,8 +348,8 @@ class FootstepWorld:
         self,
         num_robots,
         sim="pymunk",
-        noise=False,  # are goal and tilt measured with noise?
-        push=0.0,  # [m/s] pushes at random, each as if it gave the torso alone this speed
+        noise=False,  # does a planner see goal and tilt with noise?
+        push=0.0,  # [m/s] random pushes, each would give the torso alone this speed
         walk=None,  # WalkParameters; None: TUNED of stage 2
         limits=None,  # StepLimits; None: LIMITS
         drift=None,  # [m, m, rad] that the estimate expects; None: DRIFT
@@ -358,8 +359,8 @@ class FootstepWorld:
         cores=None,  # of MuJoCo; None: all that the machine has
         simulate=robot_model.make_sim,  # another physics, with the settings of `sim`
     ):
-        self.limits = limits or LIMITS.get(sim)
-        self.drift = drift or DRIFT.get(sim)
+        self.limits = LIMITS.get(sim) if limits is None else limits
+        self.drift = DRIFT.get(sim) if drift is None else drift
         check_world(num_robots, sim, push, task, spread, self.limits, self.drift)
         self.sim = sim
         self.noise = bool(noise)
@@ -410,7 +411,7 @@ class FootstepWorld:
         # spawn returns new generators at every call, so every episode differs.
         for i, rng in zip(robots, self.rng[robots]):
             *others, gyro = rng.spawn(6)
-            self.rngs[i] = *others, gyro, *gyro.spawn(1)
+            self.rngs[i] = *others, gyro, *gyro.spawn(1)  # TILT is a child of GYRO
         if goals is None:  # far with probability ½
             goals = [
                 draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
@@ -493,7 +494,8 @@ class FootstepWorld:
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
-            gyro[usual:] = gyro[: len(gyro) - usual]  # who waits meets the first ones again
+            # Who waits meets the first errors again.
+            gyro[usual:] = np.resize(gyro[:usual], (len(gyro) - usual, 2))
             tilt = disturbance.tilt_error[row]
             tilt[:] = self.rngs[i, TILT].normal(0, self.task.imu_rad, tilt.shape)
             tilt[:, 0] *= not self.engine.planar  # the plane has no roll
@@ -532,7 +534,7 @@ class FootstepWorld:
         began = self.ticks[robots]  # when this double step began
         self.ticks[robots] += motion.ticks
         usual = self.engine.period_ticks
-        no_time = self.ticks[robots] + usual > self.allowed[robots]  # for another one
+        no_time = self.ticks[robots] + plan.most_ticks > self.allowed[robots]  # for another one
         no_time |= self.steps[robots] >= self.most_steps
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
@@ -593,7 +595,12 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, **settings)
-        self.world.most_steps = max_episode_steps or self.world.most_steps
+        if max_episode_steps is not None:
+            self.world.most_steps = max_episode_steps
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode {render_mode!r}: None or rgb_array")
+        if not autoreset:
+            self.metadata = {**self.metadata, "autoreset_mode": gym.vector.AutoresetMode.DISABLED}
         self.close_extras = self.world.close  # Gymnasium calls it once, in `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)

@@ -272,20 +272,27 @@ def double_step(planner, world, robots, disturb=None):
 
 def record(planner, world, trials):
     """Walk and yield what physics did, a dict per trial: torso [T, 6] and joints [T, 12] at all T
-    ticks of the walk, feet [K, 2, 3] (x, y, yaw) after its K double steps.
+    ticks of the walk, ends [K] of its K double steps [ticks], and there the feet [K, 2, 3] (x, y,
+    yaw).
     """
     seen = []
     ended = evaluate(planner, world, trials, watch=lambda *step: seen.append(step))
     for i, goal in enumerate(trials.goals):
-        torso = np.concatenate([motion.torso[robots == i] for robots, motion in seen])
-        joints = np.concatenate([motion.joints[robots == i] for robots, motion in seen])
+        own = [(motion, [*robots].index(i)) for robots, motion in seen if i in robots]
+        torso, joints = (
+            np.concatenate([vars(motion)[name][row, : motion.ticks[row]] for motion, row in own])
+            for name in ("torso", "joints")
+        )
+        ends = np.cumsum([motion.ticks[row] for motion, row in own])
+        last = torso[ends - 1], joints[ends - 1]
         yield {
             "goal": goal,
             "ending": f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s",
             "friction": ended["friction"][i],
-            "feet": robot_model.foot_poses(world.engine.robot, torso[:, -1], joints[:, -1]),
-            "torso": np.concatenate(torso),
-            "joints": np.concatenate(joints),
+            "feet": robot_model.foot_poses(world.engine.robot, *last),
+            "ends": ends,
+            "torso": torso,
+            "joints": joints,
         }
 
 
@@ -388,7 +395,7 @@ def plot_race(robot, walks, path, every=10, more=lambda axes: None):
         for panel, (name, walk) in zip(axes[0], walks.items()):
             ticks = len(walk["torso"])
             now = min(tick, ticks - 1)
-            feet = walk["feet"][: (now + 1) * len(walk["feet"]) // ticks]
+            feet = walk["feet"][walk["ends"] <= now + 1]
             title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
             torso, joints = walk["torso"][now], walk["joints"][now]
             draw_scene(panel, robot, walk["goal"], feet, torso, joints, f"{name}\n{title}")
@@ -471,7 +478,7 @@ def play(world, planners, speed):
         if fell:
             world.reset(robots, goals=goal[None])
             feet = np.zeros((0, 2, 3))
-            clock, arrived = 0, False  # [double steps] since the goal was set
+            clock, arrived = 0, False  # [s] since the goal was set
         if "p" in keys:
             name = next(names)
         if fell or "p" in keys:
@@ -485,12 +492,11 @@ def play(world, planners, speed):
         motion, fell = result["motion"], result["fall"][0]
         pushes += push.any()
         falls += fell
-        clock += not arrived  # then it stops
         arrived |= result["success"][0]
-        seconds = (clock - arrived) * engine.period  # to the first of two inside
+        clock += result["seconds"][0] * (not arrived)  # to the first of two inside
         title = (
             f"{name}, reflex {'on' if reflex else 'off'}: "
-            f"{'arrived after ' if arrived else ''}{seconds:.1f} s\n{pushes} pushes, {falls} falls"
+            f"{'arrived after ' if arrived else ''}{clock:.1f} s\n{pushes} pushes, {falls} falls"
         )
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
             draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints, title)

@@ -332,7 +332,7 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
     for i in range(n):
         want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i], task)
         want["r_time"] *= periods[i]
-        assert got.keys() == want.keys()
+        assert got.keys() >= want.keys(), "a term is missing"
         for name in want:
             close(
                 got[name][i],

@@ -429,7 +429,8 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         torso = np.zeros((len(robots), 1, 6))
         torso[:, 0, [0, 1, 5]] = [IN if end is FALLS else end for end in ends]
         fell = np.array([end is FALLS for end in ends])
-        return robot_model.Motion(torso, None, torso[:, 0, 3:], fell)
+        ticks = np.full(len(fell), world.engine.period_ticks)
+        return robot_model.Motion(torso, None, torso[:, 0, 3:], fell, ticks)
 
     def watched_step(actions, robots, *more):
         asked.append((np.array(actions), list(robots)))
@@ -455,19 +456,25 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
 
 
 def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
-    """If physics does exactly what was planned, the feet are exactly where they were planned."""
+    """If physics does exactly what was planned, the feet are exactly where they were planned. Every
+    double step waits for eight ticks, and physics pads it by two more."""
     world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), [0.3, -0.2, 0.5]
 
     def run(robots, plan, disturbance):
-        torso = plan.trunk[:, 1:].copy()
+        torso = np.pad(plan.trunk[:, 1:], ((0, 0), (0, 10), (0, 0)), "edge")
+        joints = np.pad(plan.joints[:, 1:], ((0, 0), (0, 10), (0, 0)), "edge")
         place = torso[..., [0, 1, 5]]
         torso[..., [0, 1, 5]] = robot_model.compose(moved + 0 * place, place)
-        return robot_model.Motion(torso, plan.joints[:, 1:], torso[:, 0, 3:], np.zeros(1, bool))
+        ticks = np.array([usual + 8])
+        return robot_model.Motion(torso, joints, torso[:, 0, 3:], np.zeros(1, bool), ticks)
+
+    usual = world.engine.period_ticks
 
     monkeypatch.setattr(world.simulator, "run", run)
     (walk,) = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
-    ticks = len(walk["feet"]) * 2 * world.engine.parameters.half_ticks
+    ticks = len(walk["feet"]) * (usual + 8)
+    equal(walk["ends"], np.arange(1, len(walk["feet"]) + 1) * (usual + 8), "the padding is cut off")
     assert (walk["torso"].shape, walk["joints"].shape) == ((ticks, 6), (ticks, 12))
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     close(walk["feet"][-1], planned, "x, y of the ankle's projection, yaw", atol=1e-6)

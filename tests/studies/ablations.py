@@ -8,7 +8,7 @@ reflex; their walks are pushed, too.
 """
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import partial
 from itertools import product
 
@@ -56,8 +56,9 @@ VARIANTS = {  # name: what differs from the reference
     "with IMU": {"imu": True},
     BLIND: {},
     **{
-        f"without r_{k}": {"task": {f"s_{k}": 0.0}}
-        for k in ("d", "a", "o", "c", "fall", "goal", "time")
+        f"without r_{field.name[2:]}": {"task": {field.name: 0.0}}
+        for field in fields(env.Task)
+        if field.name.startswith("s_")
     },
 }
 ROBOTS = {

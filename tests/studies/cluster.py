@@ -97,7 +97,7 @@ class Cluster(gym.vector.VectorEnv):
         super().reset(seed=seed)
         less = np.zeros(self.num_envs, int)
         if self.staggered:  # drawn here, as stage 03 draws it for all robots together
-            less = self.np_random.integers(self.world.max_steps, size=self.num_envs)
+            less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
         options = options or {}
 
         def own(share):
