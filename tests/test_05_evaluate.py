@@ -429,7 +429,7 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         torso = np.zeros((len(robots), 1, 6))
         torso[:, 0, [0, 1, 5]] = [IN if end is FALLS else end for end in ends]
         fell = np.array([end is FALLS for end in ends])
-        ticks = np.full(len(fell), world.engine.period_ticks)
+        ticks = np.full(len(fell), noisy.engine.period_ticks)
         return robot_model.Motion(torso, None, torso[:, 0, 3:], fell, ticks)
 
     def watched_step(actions, robots, *more):
