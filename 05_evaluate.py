@@ -625,15 +625,23 @@ MOST = 10**4  # [trials] in a block: they take 5 GB of memory
 
 
 def read_goals(path):
-    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad]."""
+    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad], as spreadsheets write it: its
+    separators are commas; or they are semicolons or tabs, and commas are decimal points."""
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            # A line with too many cells gets a list for x, which is no number.
-            rows = [*csv.DictReader(file, restkey="x")]
-        goals = np.array([[row[name] for name in ("x", "y", "yaw")] for row in rows], float)
+        text = path.read_text("utf-8-sig").lower().replace(" ", "")
+        head = text.partition("\n")[0]
+        for separator in ";\t":
+            if separator in head:
+                text = text.replace(",", ".").replace(separator, ",")
+        lines = csv.DictReader(io.StringIO(text), restkey="x", restval="nothing")
+        if not {"x", "y", "yaw"} <= {*(lines.fieldnames or ())}:
+            raise ValueError(f"its first line is {head!r}")
+        # A line with too many cells gets a list for x, which is no number.
+        rows = [[line[name] for name in ("x", "y", "yaw")] for line in lines if any(line.values())]
+        goals = np.array(rows, float)
         if not 0 < len(goals) <= MOST or not (np.abs(goals) < 1000).all():
             raise ValueError(f"from 1 to {MOST} lines of numbers below 1000")
-    except (OSError, ValueError, TypeError, LookupError, csv.Error) as error:
+    except (OSError, ValueError, csv.Error) as error:
         raise robot_model.InputError(
             f"{path}: needs columns x, y, yaw and finite numbers below them ({error})"
         ) from error
@@ -699,6 +707,11 @@ def load_planner(path):
     return names["Planner"]()
 
 
+def printable(name):
+    """A file's name, which may hold anything, as a cell of a table."""
+    return "".join(c if c.isprintable() and c != "|" else "?" for c in name)
+
+
 def default_policy(sim):
     """runs/<sim>/policy.pt if you made one, else the shipped results/<sim>/policy.pt."""
     for folder in ("runs", "results"):
@@ -723,9 +736,9 @@ def choose_planners(world, policies=(), planners=()):
     }
     chosen, facts, shown = {}, None, "policy"
     for path in (*(policies or [default_policy(world.sim)]), *planners):
-        name = path.stem if chosen else "policy"
+        name = printable(path.stem) if chosen else "policy"
         if name in chosen | baselines:
-            name = path.as_posix()
+            name = printable(path.as_posix())
         if path in planners:
             chosen[name] = load_planner(path)
             shown = name if shown == "policy" else shown  # your own, the first one
@@ -767,7 +780,7 @@ def main(argv=None):
     add("--noise", action="store_true", help="add the rows with measurement noise")
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
-    which.add_argument("--goals", help="a CSV file: x, y [m], yaw [rad]")
+    which.add_argument("--goals", type=Path, help="a CSV file: x, y [m], yaw [rad]")
     add("--episodes", type=int, default=500, help="how many goals (500)")
     add("--friction", type=float, help="μ of the ground, for all; else drawn")
     add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
@@ -802,7 +815,7 @@ def main(argv=None):
             "sim": args.sim,
             "policy": facts,
             "seed": args.seed,
-            "goals": args.goals or "drawn",
+            "goals": str(args.goals or "drawn"),
             "friction": "drawn" if args.friction is None else args.friction,
             "push": args.push,
             "rows": rows,

@@ -562,22 +562,40 @@ def refused(*arguments):
     return line
 
 
-@pytest.mark.parametrize("text", [
-    "", "x,y,yaw\n", "x,y,yaw\n1,2\n", "x,y,yaw\n1,2,3,4\n", "x,y,yaw\n1,two,3\n",
-    "x,y,yaw\n1,2,3\n1,nan,3\n", "x,y,yaw\n" + 10_001 * "0,0,0\n", "x,y,yaw\n1e300,0,0\n",
-    "x,y,yaw\n0,-1000,0\n",
-    "x,y,yaw\n\xe9\xe9,1,1\n", None,
+@pytest.mark.parametrize("text, reason", [
+    (None, "No such file"),
+    ("", "its first line is ''"),
+    ("x,y\n1,2\n", "its first line is 'x,y'"),
+    ("x y yaw\n1 2 3\n", "its first line is 'xyyaw'"),
+    ("x,y,yaw\n", "from 1 to 10000 lines"),
+    ("x,y,yaw\n1,2\n", "nothing"),
+    ("x,y,yaw\n1,2,3,4\n", "sequence"),
+    ("x,y,yaw\n1,two,3\n", "'two'"),
+    ("x;y;yaw\n1.234,5;0;0\n", "'1.234.5'"),
+    ("x,y,yaw\n1,2,3\n1,nan,3\n", "numbers below 1000"),
+    ("x,y,yaw\n" + 10_001 * "0,0,0\n", "from 1 to 10000 lines"),
+    ("x,y,yaw\n1e300,0,0\n", "numbers below 1000"),
+    ("x,y,yaw\n\xe9\xe9,1,1\n", "can't decode"),
 ], ids=lambda text: repr(text)[:30])  # fmt: skip
-def test_a_malformed_goals_file_is_one_line(short_trials, text):
+def test_a_malformed_goals_file_is_one_line_that_says_what_is_wrong(short_trials, text, reason):
     if text is not None:
         Path("goals.csv").write_text(text, encoding="latin-1")
     message = refused("--goals", "goals.csv")
     assert "goals.csv: needs columns x, y, yaw and finite numbers" in message
+    assert reason in message.split("(", 1)[1], "the last words name the line, or what is missing"
 
 
-def test_goals_are_read_from_any_spreadsheet(tmp_path):
+@pytest.mark.parametrize("text", [
+    "\ufeffx,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n1,a,-2.5,7",
+    "x, y, yaw\n1, -2.5, 7\n 1 ,-2.5 ,7\n",
+    "X,Y,Yaw\r1,-2.5,7\r1,-2.5,7\r",
+    'x;y;"yaw";name\n1,0;-2,5;7;a,b\n1;-2.5;7,0;\n',
+    "x\ty\tyaw\n1\t-2,5\t7\n1\t-2.5\t7\n",
+    "x,y,yaw\n,,\n1,-2.5,7\n1,-2.5,7\n,,\n",
+], ids=["BOM", "spaces", "capitals", "semicolons", "tabs", "empty rows"])  # fmt: skip
+def test_goals_are_read_from_any_spreadsheet(tmp_path, text):
     path = tmp_path / "goals.csv"
-    path.write_bytes("\ufeffx,name,y,yaw\r\n1,a,-2.5,7\r\n\r\n1,a,-2.5,7".encode())
+    path.write_bytes(text.encode())
     goal = [1, -2.5, 7 - 2 * math.pi]
     close(evaluate.read_goals(path), [goal, goal], "the same goal twice is two trials")
 
