@@ -42,17 +42,22 @@ import io
 import itertools
 import json
 import math
+import multiprocessing
+import os
+import pickle
 import runpy
+import signal
 import sys
-from contextlib import closing
+import threading
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.animation import FuncAnimation
-from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
@@ -750,28 +755,85 @@ def choose_planners(world, policies=(), planners=()):
 
 
 # ------------------------------------------------------------------------ command line
-def make_world(args, count, noise=False, push=0.0, cores=None):
-    """A world as the command line asks for; with --friction the ground is the same for all."""
-    ground = {}
+def make_world(args, count, push=0.0, cores=None):
+    """A world as the command line asks for; with --friction the floor is the same for all."""
+    floor = {}
     if args.friction is not None:
         robot = robot_model.RobotModel(friction=args.friction)
-        ground = {"robot": robot, "spread": env.Spread(friction=0.0)}
-    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **ground)
+        floor = {"robot": robot, "spread": env.Spread(friction=0.0)}
+    return env.FootstepWorld(count, args.sim, push=push, cores=cores, **floor)
 
 
-def evaluate_all(args, blocks, planners):
-    """Every planner in every block of Trials, with --noise once more: trials by their key
-    (planner, noise, σ).
+# ------------------------------------------------------------------------ all rows of the table
+def walk_row(world, blocks, planners, row):
+    """The trials of a row of the table as of `evaluate`; row: (planner, noise, σ of the goals)."""
+    name, world.noise, std = row
+    return evaluate(planners[name], world, blocks[std])
 
-    blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
+
+def serve(pipe, args, count, blocks, planners):
+    """What a helper, another process, does: it walks the rows that come through the pipe."""
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # it prints nothing
+    world, planners = make_world(args, count, args.push), pickle.loads(planners)
+    while True:  # until the main process ends
+        pipe.send(walk_row(world, blocks, planners, pipe.recv()))
+
+
+def start_helper(*settings):
+    """The pipe to a helper."""
+    spawn = multiprocessing.get_context("spawn")  # the same on every system
+    pipe, end = spawn.Pipe()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it inherits this: Ctrl-C is for us
+    spawn.Process(target=serve, args=(end, *settings), daemon=True).start()
+    signal.signal(signal.SIGINT, before)
+    return pipe
+
+
+def evaluate_all(args, blocks, planners, helpers=0):
+    """Every planner in every block of Trials, with --noise once more: trials by row, which is
+    (planner, noise, σ). So many helpers share the work, but the user's own planners walk here.
+
+    blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
     """
-    results = {}
-    for std, noise in itertools.product(blocks, sorted({False, args.noise})):
-        trials = blocks[std]
-        with closing(make_world(args, len(trials.goals), noise, args.push)) as world:
-            for name in tqdm(planners, f"σ {std} m, noise: {noise}", unit=" rows"):
-                results[name, noise, std] = evaluate(planners[name], world, trials)
-    return results
+    noises, count = sorted({False, args.noise}), len([*blocks.values()][0].goals)
+    ours = {name: p for name, p in planners.items() if type(p) in (PolicyPlanner, BaselinePlanner)}
+    own = [name for name in planners if name not in ours]
+    shared = [*itertools.product(ours, noises, blocks)]  # the policy is first, `baseline` last
+    waiting = iter(shared)  # who is free takes the next one
+    results, threads = {}, []
+
+    def take(rows, walk):
+        for row in rows:
+            name, noise, std = row
+            results[row] = trials = walk(row)
+            goals, noise = kind_of({"goal_std_m": std, "noise": noise})
+            success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
+            said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
+            print(f"{said}, {time:.2f} s a walk", flush=True)
+
+    def share(pipe):
+        def walk(row):
+            pipe.send(row)
+            return pipe.recv()
+
+        with suppress(EOFError, OSError):  # the helper has ended; its row is walked below
+            take(waiting, walk)
+
+    for _ in range(min(helpers, len(shared) - 1)):
+        pipe = start_helper(args, count, blocks, pickle.dumps(ours))
+        threads.append(threading.Thread(target=share, args=(pipe,), daemon=True))
+        threads[-1].start()
+    with closing(make_world(args, count, args.push)) as world:
+        here = partial(walk_row, world, blocks, planners)
+        take(itertools.product(own, noises, blocks), here)
+        take(waiting, here)
+        for thread in threads:
+            thread.join()
+        take([row for row in shared if row not in results], here)
+    return {
+        (name, noise, std): results[name, noise, std]
+        for std, noise, name in itertools.product(blocks, noises, planners)
+    }
 
 
 def main(argv=None):
@@ -782,7 +844,7 @@ def main(argv=None):
     which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
     which.add_argument("--goals", type=Path, help="a CSV file: x, y [m], yaw [rad]")
     add("--episodes", type=int, default=500, help="how many goals (500)")
-    add("--friction", type=float, help="μ of the ground, for all; else drawn")
+    add("--friction", type=float, help="μ of the floor, for all; else random")
     add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
     add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     add("--planner", type=Path, nargs="+", default=[], help="files of your own")
@@ -808,7 +870,12 @@ def main(argv=None):
         if args.play:
             play(world, {shown: planners[shown]} | planners, args.push or 0.6)
             return
-        results = evaluate_all(args, blocks, planners)
+        helpers = robot_model.CORES - 1
+        if args.sim == "mujoco" or __name__ != "__main__" or not Path(__file__).is_file():
+            # MuJoCo has threads. And a helper reads the script that runs once more: this one may
+            # be read, but another one that calls `main` would begin anew.
+            helpers = 0
+        results = evaluate_all(args, blocks, planners, helpers)
         rows = [summary(*key, trials, world.task) for key, trials in results.items()]
         ratios = compare(results)
         content = {
@@ -822,6 +889,7 @@ def main(argv=None):
             "ratios": ratios,
         }
         text = table(rows, ratios)
+        print(f"\n{text}")  # before files are written, which may fail
         content = json.dumps(content, indent=1, allow_nan=False) + "\n"
         robot_model.write_text(out / "evaluation.json", content)
         robot_model.write_text(out / "table.md", text)
@@ -829,7 +897,6 @@ def main(argv=None):
         names = "baseline", "baseline_tuned", shown
         walks = {name: [*record(planners[name], world, figure_trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
-        print(text)
         if args.gif:  # a minute
             race = {name: own[-1] for name, own in walks.items()}
             plot_race(world.engine.robot, race, out / "animation.gif")

@@ -1,11 +1,16 @@
 """Stage 5: the baseline's equations, the statistics, the trials, planners, files, command line."""
 
+import argparse
 import itertools
 import json
 import math
+import multiprocessing
 import os
 import re
+import signal
+import subprocess
 import sys
+import time
 import traceback
 from contextlib import closing
 from dataclasses import replace
@@ -738,6 +743,119 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys):
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     assert lines[0] == f"policy,no,,0,0,0.0,0.0,0.0,0.4,success,{once},2,yes,yes,{once}"
     assert lines[5] == f"mine,no,,0,1,0.12,0.0,0.0,0.4,timeout,{late},3,no,yes,{once}"
+
+
+@pytest.mark.parametrize("name", [b"Zo\xeb.py", b"a$^$.py", b"a|b.py", b"a\nb.py"], ids=repr)
+def test_a_planner_s_file_may_have_any_name(short_trials, name):
+    try:
+        mine = own_planner(os.fsdecode(name))
+    except (OSError, UnicodeError):
+        pytest.skip("there is no such name on this system")
+    call("--planner", mine, "--episodes", 1)
+    table = Path("out/table.md").read_text("utf-8")
+    (row,) = (line for line in table.splitlines() if re.match(r"\| (Zo|a)", line))
+    assert row.count("|") == 7, f"a name is one cell: {row}"
+    plot_footsteps(ROBOT, short_trials, Path("out/footsteps.png"))  # a $ begins no formula
+
+
+def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, monkeypatch, capsys):
+    replace = os.replace
+
+    def locked(source, target):
+        if Path(target).name == "trials.csv":
+            raise PermissionError(13, "Access is denied")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", locked)
+    monkeypatch.setattr(robot_model.time, "sleep", lambda seconds: None)
+    with pytest.raises(robot_model.InputError, match=r"\A.*trials\.csv: Access is denied\Z"):
+        call("--episodes", 1)
+    assert Path("out/table.md").read_text("utf-8") in capsys.readouterr().out, "print first"
+
+
+def flags(**changes):
+    """Parsed arguments, as `evaluate_all` needs them."""
+    return argparse.Namespace(
+        **{"sim": "pymunk", "noise": True, "friction": None, "push": 0.0, **changes}
+    )
+
+
+@pytest.fixture
+def planners():
+    """Two of ours, and one that counts as a user's own."""
+    torch.manual_seed(0)
+    spot = env.to_action(np.zeros((2, 3)), LIMITS)
+    policy = evaluate.PolicyPlanner(ppo.ActorCritic(20, 6, first_action=spot))
+    return {"policy": policy, "mine": Recorder(), "baseline": evaluate.BaselinePlanner()}
+
+
+NEAR = {None: evaluate.Trials(np.array([[0.02, 0, 0], [0, 0.01, 0.05]]), 0)}
+
+
+def same_results(found, want):
+    assert [*found] == [*want], "rows in the order of the table, whoever walked them"
+    for row, ended in want.items():
+        for name, values in ended.items():
+            equal(found[row][name], values, f"{row}: {name}")
+
+
+def test_helpers_change_no_number_and_a_user_s_planner_walks_in_this_process(
+    planners, monkeypatch, capfd
+):
+    want = evaluate.evaluate_all(flags(), NEAR, planners)
+    here, said, kind_of = [], [], evaluate.kind_of
+
+    class Patient(Recorder):
+        def reset(self, num_robots):  # until the helper has walked all others
+            end = time.monotonic() + 60
+            while len(said) < 4 and time.monotonic() < end:
+                time.sleep(0.05)
+            here.append(os.getpid())
+            super().reset(num_robots)
+
+    monkeypatch.setattr(evaluate, "kind_of", lambda row: said.append(1) or kind_of(row))
+    capfd.readouterr()
+    found = evaluate.evaluate_all(flags(), NEAR, planners | {"mine": Patient()}, helpers=1)
+    same_results(found, want)
+    assert here == [os.getpid()] * 2
+    lines, errors = capfd.readouterr()
+    assert errors == "" and len(lines.splitlines()) == 6, "a line for a row, and nothing else"
+    assert lines.splitlines()[0].startswith("policy, goals own, noise no: success "), "it is first"
+
+
+def test_rows_whose_helper_has_ended_are_walked_here(planners, monkeypatch):
+    def start_helper(*settings):
+        pipe, end = multiprocessing.Pipe()
+        end.close()
+        return pipe
+
+    want = evaluate.evaluate_all(flags(), NEAR, planners)
+    monkeypatch.setattr(evaluate, "start_helper", start_helper)
+    same_results(evaluate.evaluate_all(flags(), NEAR, planners, helpers=3), want)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
+@pytest.mark.parametrize("seconds", [0.5, 5.0])  # helpers begin; they walk
+def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
+    command = [sys.executable, "-u", "05_evaluate.py", "--noise", "--out", str(tmp_path)]
+    with subprocess.Popen(
+        command,
+        cwd=Path(evaluate.__file__).parent,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        process.stdout.readline()  # which policy: the walks begin
+        time.sleep(seconds)
+        os.killpg(process.pid, signal.SIGINT)  # as the terminal does
+        _, errors = process.communicate(timeout=60)
+    assert (process.returncode, errors) == (2, "\n05_evaluate.py: interrupted\n")
+    end = time.monotonic() + 5
+    with pytest.raises(ProcessLookupError):  # nobody of the group lives on
+        while time.monotonic() < end:
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
 
 
 def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, monkeypatch):
