@@ -626,7 +626,7 @@ def kind_of(row):
 
 
 # ------------------------------------------------------------------------ files
-MOST = 10**4  # [trials] in a block: they take 5 GB of memory
+MOST = 10**4  # [trials] in a block: each process takes 5 GB of memory for them
 
 
 def read_goals(path):
@@ -773,7 +773,7 @@ def walk_row(world, blocks, planners, row):
 
 def serve(pipe, args, count, blocks, planners):
     """What a helper, another process, does: it walks the rows that come through the pipe."""
-    sys.stdout = sys.stderr = open(os.devnull, "w")  # it prints nothing
+    sys.stdout = sys.stderr = open(os.devnull, "w", encoding="utf-8")  # it prints nothing
     world, planners = make_world(args, count, args.push), pickle.loads(planners)
     while True:  # until the main process ends
         pipe.send(walk_row(world, blocks, planners, pipe.recv()))
