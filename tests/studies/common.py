@@ -114,6 +114,9 @@ HEADS = {
     "least": "least possible [s]",
     "push": "push [m/s]",
     "critic": "explained variance",
+    "time_over_reflex": "time ÷ that with the reflex",
+    "no_longer": "falls avoided",
+    "newly": "new falls",
 }
 
 
