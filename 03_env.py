@@ -21,9 +21,9 @@ method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-
 of it to other libraries as a `gymnasium.Env`.
 
 The paper gives only names and captions of some parts, so we reconstructed them: the formulas and
-scalars of the reward, the encoding of the observation, the spread of goals and noise. Ours: ground
-and body are drawn anew for every episode (`Spread`: domain randomization), and no planner receives
-these values; pushes, if you ask for them; and an estimate of the goal, which combines all noisy
+scalars of the reward, the encoding of the observation, the spread of goals and noise. Ours: floor
+and body are random in every episode (`Spread`: domain randomization), and no planner receives these
+values; pushes, if you ask for them; and an estimate of the goal, which combines all noisy
 measurements so far and is the same for every planner (`predict`, `correct`).
 
 All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
@@ -304,7 +304,7 @@ def correct(goal, covariance, measured, noise):
     # Mix prediction and measurement, goal + K·(measured − goal). For one number with independent
     # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where
     # its derivative −2·(1 − K)·V + 2·K·R is 0: K = V / (V + R), and V ← (1 − K)·V = K·R.
-    # For three numbers likewise, with matrices:   K = P·(P + R)⁻¹,   P ← K·R
+    # For three numbers the same with matrices:   K = P·(P + R)⁻¹,   P ← K·R
     R = np.diag(np.square(noise))
     gain = covariance @ np.linalg.inv(covariance + R)  # [n, 3, 3]
     error = measured - goal
@@ -337,7 +337,7 @@ class View:
 
 
 class FootstepWorld:
-    """N robots on their way to N goals. `robots` are always the indices [n] of some of them.
+    """N robots and their N goals. `robots` are always the indices [n] of some of them.
 
     Every robot has a random generator of its own. So N robots together do the same as each of them
     alone. Ground and body do not depend on the planner, and the k-th measurement of a robot has the
@@ -442,7 +442,7 @@ class FootstepWorld:
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
     def noisy(self, purpose, exact, robots, std):
-        """Exact values [n, k] with noise of standard deviation std [k], anew at every call."""
+        """Exact values [n, k] with noise of standard deviation std [k], another one at every call."""
         return np.array(
             [rng.normal(mean, std) for rng, mean in zip(self.rngs[robots, purpose], exact)]
         )
@@ -560,7 +560,7 @@ class FootstepWorld:
 
 # ------------------------------------------------------------------------ Gymnasium
 class FootstepVectorEnv(gym.vector.VectorEnv):
-    """N independent episodes in one call. A finished episode starts anew in the SAME step.
+    """N independent episodes in one call. A finished episode starts again in the SAME step.
 
     Then `step` returns the first observation of the next episode; the last one of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
@@ -580,7 +580,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         sim="pymunk",
         imu=False,  # is the torso's tilt observed, too?
         staggered=False,  # do the first episodes get less time, so that they end one by one?
-        autoreset=True,  # does a finished episode start anew? (Not in `FootstepEnv`.)
+        autoreset=True,  # does a finished episode start again? (Not in `FootstepEnv`.)
         render_mode=None,
         max_episode_steps=None,  # fewer double steps than `Task.time_limit` allows
         **settings,  # of FootstepWorld: noise, push, walk, …
@@ -712,7 +712,7 @@ def hand_written(goal, limits):
     d, alpha, beta = polar(goal)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     x, y, _ = goal.T
-    # Both feet share the way forward and the turn. Sideways only the leading foot steps, outward.
+    # Both feet share the distance forward and the turn. Sideways only the leading foot steps.
     wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] of each foot
     mirrored = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
     steps = np.clip(mirrored, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
