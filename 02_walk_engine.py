@@ -211,12 +211,8 @@ class WalkPlan(robot_model.Trajectory):
 
     feet: np.ndarray  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
     reflex_gain: np.ndarray  # [n, T, 2] [s] left, right ankle; only of the support foot
-    walk: WalkParameters
-    planar: bool
-    answer: (
-        np.ndarray
-    )  # [N, 2, 3] the engine's own array, see `capture_step`: `targets` writes to it
-    robots: np.ndarray  # [n] the plan's robots: its rows of `answer`
+    robots: np.ndarray  # [n] whom it is for
+    engine: object  # the WalkEngine that made it; `targets` writes to its `answer`
 
     def begin(self):
         """See `Trajectory`."""
@@ -225,8 +221,9 @@ class WalkPlan(robot_model.Trajectory):
     @property
     def longest(self):
         """How many ticks it may be late: whole readings of the IMU."""
-        readings = math.ceil(self.walk.longest_wait_ticks / robot_model.READ_EVERY)
-        return readings * robot_model.READ_EVERY if self.walk.wait else 0
+        p = self.engine.parameters
+        readings = math.ceil(p.longest_wait_ticks / robot_model.READ_EVERY)
+        return readings * robot_model.READ_EVERY if p.wait else 0
 
     @property
     def most_ticks(self):
@@ -239,7 +236,7 @@ class WalkPlan(robot_model.Trajectory):
 
     def targets(self, robot, rows, tick, tilt, angular_velocity):
         """See `Trajectory`."""
-        p, end = self.walk, self.reflex_gain.shape[1]
+        p, end = self.engine.parameters, self.reflex_gain.shape[1]
         sample = np.rint(self.progress[rows]).astype(int)  # [k] of the plan, now
         error = tilt - self.trunk[rows, sample, 3:5]  # [k, 2] roll, pitch [rad]
         first = sample < end // 2  # [k] in the first single step, in which the left foot swings
@@ -255,15 +252,15 @@ class WalkPlan(robot_model.Trajectory):
         if not p.capture:
             return self.joints[rows[:, None], at], added
         robots = self.robots[rows]
-        answer = capture_step(error, over, swings, self.answer[robots], p)  # [k, 2, 3]
-        self.answer[robots] = answer
+        answer = capture_step(error, over, swings, self.engine.answer[robots], p)  # [k, 2, 3]
+        self.engine.answer[robots] = answer
         # The trunk as each leg takes it to be, and the feet  [k, ticks + 1, 2, 6 or 4]
         trunk = self.trunk[rows[:, None], at][:, :, None].repeat(2, 2)
         trunk[..., 3:5] += answer[:, None, :, 1:]
         feet = self.feet[rows[:, None], at]
         moved = np.stack([0 * answer[..., 0], answer[..., 0]], -1)[:, None]  # [k, 1, 2, 2] x, y
         feet[..., :2] += robot_model.turned(moved, trunk[..., 5])
-        return robot_model.body_inverse(robot, trunk, feet, self.planar), added
+        return robot_model.body_inverse(robot, trunk, feet, self.engine.planar), added
 
     def feedback(self, robot, rows, at, angular_velocity):
         """The reflex: what is added to the joint targets of the next ticks, [k, ticks, 12], for
@@ -376,8 +373,7 @@ class WalkEngine:
         gain = np.zeros((len(left), 2 * half, 2))
         gain[:, :half, RIGHT] = self.parameters.reflex  # of the support foot
         gain[:, half:, LEFT] = self.parameters.reflex
-        robots, walk = np.asarray(robots), self.parameters
-        return WalkPlan(joints, trunk, feet, gain, walk, self.planar, self.answer, robots)
+        return WalkPlan(joints, trunk, feet, gain, np.asarray(robots), self)
 
     def _knot(self, support, start, landing):
         """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].

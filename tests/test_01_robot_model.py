@@ -52,11 +52,9 @@ def still(name, num_robots, seconds):
 def plan_of(name, joints, trunk):
     """A WalkPlan of these joint targets [n, T + 1, 12] and trunks [n, T + 1, 6], without a reflex."""
     n, ticks, _ = joints[:, 1:].shape
-    feet, gain, answer = (
-        np.zeros((n, *shape)) for shape in ((ticks + 1, 2, 4), (ticks, 2), (2, 3))
-    )
-    walk, planar = walk_engine.TUNED[name], name == "pymunk"
-    return walk_engine.WalkPlan(joints, trunk, feet, gain, walk, planar, answer, np.arange(n))
+    engine = walk_engine.WalkEngine(n, walk_engine.TUNED[name], ROBOT, name == "pymunk")
+    feet, gain = np.zeros((n, ticks + 1, 2, 4)), np.zeros((n, ticks, 2))
+    return walk_engine.WalkPlan(joints, trunk, feet, gain, np.arange(n), engine)
 
 
 def leaning(name, angles, seconds):

@@ -148,9 +148,8 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
 def standing(n):
     """A WalkPlan of five ticks for n robots: nothing moves, and no foot has a reflex."""
     joints, trunk, feet = (np.zeros((n, 6, *shape)) for shape in ((12,), (6,), (2, 4)))
-    gain, answer, robots = np.zeros((n, 5, 2)), np.zeros((n, 2, 3)), np.arange(n)
-    walk = walk_engine.TUNED["mujoco"]
-    return walk_engine.WalkPlan(joints, trunk, feet, gain, walk, False, answer, robots)
+    gain, engine = np.zeros((n, 5, 2)), make_engine("mujoco", n)
+    return walk_engine.WalkPlan(joints, trunk, feet, gain, np.arange(n), engine)
 
 
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
@@ -253,9 +252,10 @@ def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support
 
 
 def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law():
-    plan = make_engine("mujoco").plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
-    lawful = replace(plan, walk=replace(plan.walk, capture=1.0, wait=10.0))
-    for one, most in ((plan, 62), (lawful, 102)):
+    plain, lawful = make_engine("mujoco"), make_engine("mujoco")
+    lawful.parameters = replace(plain.parameters, capture=1.0, wait=10.0)
+    for engine, most in ((plain, 62), (lawful, 102)):
+        one = plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
         one.begin()
         assert one.most_ticks == most, "a double step may wait for longest_wait_ticks"
         for tick in range(0, 62, 2):
@@ -302,9 +302,9 @@ def test_the_answer_of_a_foot_goes_on_in_the_next_double_step():
     engine.parameters = replace(engine.parameters, capture=1.0)
     engine.answer[1] = 0.02, 0.05, 0.03
     for robots in ([0, 1], [1]):  # also if the rows of the plan are not all robots
+        before, row = engine.answer.copy(), np.array([len(robots) - 1])
         plan = engine.plan(np.zeros((len(robots), 2, 3)), robots)
         plan.begin()
-        before, row = engine.answer.copy(), np.array([len(robots) - 1])
         plan.targets(ROBOT, row, 0, plan.trunk[row, 0, 3:5], np.zeros((1, 2)))
         keeps = 1 - engine.parameters.fade
         hint = "a standing foot snaps back: the next plan begins with the answer of the last one"
