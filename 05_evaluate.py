@@ -48,10 +48,8 @@ import pickle
 import runpy
 import signal
 import sys
-import threading
 from contextlib import closing, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -771,21 +769,22 @@ def walk_row(world, blocks, planners, row):
     return evaluate(planners[name], world, blocks[std])
 
 
-def serve(pipe, args, count, blocks, planners):
-    """What a helper, another process, does: it walks the rows that come through the pipe."""
-    sys.stdout = sys.stderr = open(os.devnull, "w", encoding="utf-8")  # it prints nothing
+def serve(pipe, args, count, blocks, planners, rows):
+    """What a helper, another process, does: it walks its rows and sends what became of them."""
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # it prints nothing
     world, planners = make_world(args, count, args.push), pickle.loads(planners)
-    while True:  # until the main process ends
-        pipe.send(walk_row(world, blocks, planners, pipe.recv()))
+    for row in rows:
+        pipe.send((row, walk_row(world, blocks, planners, row)))
 
 
 def start_helper(*settings):
-    """The pipe to a helper."""
+    """The pipe from a helper."""
     spawn = multiprocessing.get_context("spawn")  # the same on every system
-    pipe, end = spawn.Pipe()
+    pipe, end = spawn.Pipe(duplex=False)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it inherits this: Ctrl-C is for us
     spawn.Process(target=serve, args=(end, *settings), daemon=True).start()
     signal.signal(signal.SIGINT, before)
+    end.close()  # ours; so reading ends when the helper does
     return pipe
 
 
@@ -799,37 +798,28 @@ def evaluate_all(args, blocks, planners, helpers=0):
     ours = {name: p for name, p in planners.items() if type(p) in (PolicyPlanner, BaselinePlanner)}
     own = [name for name in planners if name not in ours]
     shared = [*itertools.product(ours, noises, blocks)]  # the policy is first, `baseline` last
-    waiting = iter(shared)  # who is free takes the next one
-    results, threads = {}, []
+    results, every = {}, min(1 + helpers, len(shared))
 
-    def take(rows, walk):
-        for row in rows:
-            name, noise, std = row
-            results[row] = trials = walk(row)
-            goals, noise = kind_of({"goal_std_m": std, "noise": noise})
-            success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
-            said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
-            print(f"{said}, {time:.2f} s a walk", flush=True)
+    def take(row, trials):
+        results[row] = trials
+        name, noise, std = row
+        goals, noise = kind_of({"goal_std_m": std, "noise": noise})
+        success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
+        said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
+        print(f"{said}, {time:.2f} s a walk", flush=True)
 
-    def share(pipe):
-        def walk(row):
-            pipe.send(row)
-            return pipe.recv()
-
-        with suppress(EOFError, OSError):  # the helper has ended; its row is walked below
-            take(waiting, walk)
-
-    for _ in range(min(helpers, len(shared) - 1)):
-        pipe = start_helper(args, count, blocks, pickle.dumps(ours))
-        threads.append(threading.Thread(target=share, args=(pipe,), daemon=True))
-        threads[-1].start()
+    settings = args, count, blocks, pickle.dumps(ours)
+    pipes = [start_helper(*settings, shared[k::every]) for k in range(1, every)]
     with closing(make_world(args, count, args.push)) as world:
-        here = partial(walk_row, world, blocks, planners)
-        take(itertools.product(own, noises, blocks), here)
-        take(waiting, here)
-        for thread in threads:
-            thread.join()
-        take([row for row in shared if row not in results], here)
+        for row in (*shared[::every], *itertools.product(own, noises, blocks)):
+            take(row, walk_row(world, blocks, planners, row))
+        for pipe in pipes:
+            with suppress(EOFError, OSError):  # the helper has ended
+                while True:
+                    take(*pipe.recv())
+        for row in shared:
+            if row not in results:  # its helper ended too early
+                take(row, walk_row(world, blocks, planners, row))
     return {
         (name, noise, std): results[name, noise, std]
         for std, noise, name in itertools.product(blocks, noises, planners)
