@@ -839,6 +839,8 @@ def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        # A test that runs in the background has inherited that Ctrl-C is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         process.stdout.readline()  # which policy: the walks begin
         time.sleep(seconds)
