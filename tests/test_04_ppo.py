@@ -803,6 +803,7 @@ def test_on_a_full_disk_a_file_is_refused_with_the_reason(tmp_path, monkeypatch)
         ppo.save_plain(tmp_path / "policy.pt", ppo.policy_file(ppo.ActorCritic(5, 2), META))
 
 
+@pytest.mark.slow
 def test_a_student_s_own_pytorch_stays_as_it_is(tmp_path):
     """Importing stage 4, a training and a decision change neither threads nor checks of others."""
     seen, threads = [], torch.get_num_threads()

@@ -829,7 +829,8 @@ def test_rows_whose_helper_has_ended_are_walked_here(planners, monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
-@pytest.mark.parametrize("seconds", [0.5, 5.0])  # helpers begin; they walk
+# Helpers begin after half a second; after five they walk.
+@pytest.mark.parametrize("seconds", [0.5, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
     command = [sys.executable, "-u", "05_evaluate.py", "--noise", "--out", str(tmp_path)]
     with subprocess.Popen(

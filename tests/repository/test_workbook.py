@@ -151,6 +151,7 @@ def test_an_empty_sheet_can_be_graded(tmp_path):
     assert not list(sheets.glob("__pycache__")), "nothing of ours in a student's folder"
 
 
+@pytest.mark.slow
 def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     folder = submission(tmp_path / "alice smith", wrap=None, compose="return base + pose")
     (folder / "04_ppo.py").write_text("def gae(:\n", "utf-8")
@@ -169,6 +170,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     assert len(words.splitlines()) <= 15, "the hints come last, and in a few lines"
 
 
+@pytest.mark.slow
 def test_who_skips_or_exits_gets_no_stars_and_the_others_keep_theirs(tmp_path):
     folder = submission(tmp_path / "bob", compose='import pytest\npytest.skip("later")')
     (folder / "05_evaluate.py").write_text("import sys\nsys.exit()\n", "utf-8")
@@ -260,6 +262,7 @@ def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepte
 
 
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")  # of mistakes
+@pytest.mark.slow
 def test_small_mistakes_by_rule_are_rejected_in_words():
     cases, passed = [*referee.by_rule()], []
     assert len(cases) > 1000
