@@ -6,7 +6,7 @@ here it is written out, so that every equation has a line to point at.
 
     python 04_ppo.py                 250,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
-    python 04_ppo.py --quick         60,000 of them, a lesson of a minute, into runs/<sim>/quick/
+    python 04_ppo.py --quick         60,000 of them, a lesson of two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
     python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
     python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
