@@ -72,7 +72,7 @@ import sys
 import tempfile
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
 
@@ -246,12 +246,6 @@ class Motion:
     angular_velocity: np.ndarray  # [n, 3] of the torso about its own axes [rad/s], at the very end
     fell: np.ndarray  # [n] bool: fell at any control tick
     ticks: np.ndarray  # [n] control ticks that it needed
-
-
-def some_rows(record, rows):
-    """The same for some of its robots: a Trajectory, a Disturbance."""
-    arrays = {name: value for name, value in vars(record).items() if isinstance(value, np.ndarray)}
-    return replace(record, **{name: value[rows] for name, value in arrays.items()})
 
 
 # ------------------------------------------------------------------------ poses on the ground
@@ -983,16 +977,6 @@ class PymunkSim(Simulator):
         """Sagittal joint angles [..., 6] of states [..., 10]: pitch of a link − its parent's."""
         pitch = states[..., 3:]
         return pitch[..., 1:] - pitch[..., self.PARENT]
-
-    def run(self, robots, plan, disturbance=None):
-        """See `Simulator`. Fifty robots at a time: so many fit into a processor's cache."""
-        disturbance, motions = disturbance or Disturbance.none(plan), []
-        for first in range(0, len(robots), 50):
-            rows = slice(first, first + 50)
-            part = some_rows(plan, rows), some_rows(disturbance, rows)
-            motions.append(super().run(robots[rows], *part))
-        arrays = zip(*(vars(motion).values() for motion in motions))
-        return Motion(*map(np.concatenate, arrays))
 
     def imu(self, robots):
         """See `Simulator`; the plane has no roll."""

@@ -9,7 +9,7 @@ here it is written out, so that every equation has a line to point at.
     python 04_ppo.py --quick         60,000 of them, a lesson of two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
     python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
-    python 04_ppo.py --env Pendulum-v1 --gamma 0.95 --steps 150000     another Gymnasium task
+    python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
 In learning_curve.png you should see more successes, fewer time-outs and shorter times. Falls are
 rare from the start, as the most likely action of the first policy is to step on the spot. At first
@@ -108,9 +108,7 @@ class PPOConfig:
 
 
 # Of --env.
-GYM_CONFIG = PPOConfig(
-    num_envs=16, rollout=128, minibatch=256, gamma=0.99, reward_scale=0.1, sharpest=4.0
-)
+GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, reward_scale=0.1, sharpest=4.0)
 
 
 # ------------------------------------------------------------------------ the networks
@@ -600,7 +598,6 @@ def main(argv=None):
     add("--quick", action="store_true", help=f"{QUICK_STEPS:,} steps")
     add("--resume", action="store_true", help="continue a stopped training")
     add("--env", metavar="ID", help="train on this Gymnasium environment instead")
-    add("--gamma", type=float, help="discount per step instead of PPOConfig's")
     args = parser.parse_args(argv)
     if args.env and (args.sim == "mujoco" or args.imu):
         parser.error("--env cannot be combined with --mujoco or --imu")
@@ -608,10 +605,8 @@ def main(argv=None):
     if args.steps is not None:
         steps = args.steps
     cfg = GYM_CONFIG if args.env else PPOConfig()
-    if args.gamma is not None:
-        cfg = replace(cfg, gamma=args.gamma)
-    if steps < 1 or not 0 <= cfg.gamma <= 1:
-        parser.error("--steps from 1 on, --gamma from 0 to 1")
+    if steps < 1:
+        parser.error("--steps from 1 on")
     task = args.env or args.sim
     if args.env:
         make_envs = partial(gym_envs, task)

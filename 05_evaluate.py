@@ -44,11 +44,11 @@ import json
 import math
 import multiprocessing
 import os
-import pickle
 import runpy
 import signal
 import sys
-from contextlib import closing, suppress
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -753,52 +753,43 @@ def choose_planners(world, policies=(), planners=()):
 
 
 # ------------------------------------------------------------------------ command line
-def make_world(args, count, push=0.0, cores=None):
+def make_world(args, count, push=0.0, cores=None, noise=False):
     """A world as the command line asks for; with --friction the floor is the same for all."""
     floor = {}
     if args.friction is not None:
         robot = robot_model.RobotModel(friction=args.friction)
         floor = {"robot": robot, "spread": env.Spread(friction=0.0)}
-    return env.FootstepWorld(count, args.sim, push=push, cores=cores, **floor)
+    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **floor)
 
 
 # ------------------------------------------------------------------------ all rows of the table
-def walk_row(world, blocks, planners, row):
-    """The trials of a row of the table as of `evaluate`; row: (planner, noise, σ of the goals)."""
-    name, world.noise, std = row
-    return evaluate(planners[name], world, blocks[std])
+def walk_row(args, planner, noise, trials):
+    """A planner's trials in a world of their own, with noise or without it; see `evaluate`."""
+    with closing(make_world(args, len(trials.goals), args.push, noise=noise)) as world:
+        return evaluate(planner, world, trials)
 
 
-def serve(pipe, args, count, blocks, planners, rows):
-    """What a helper, another process, does: it walks its rows and sends what became of them."""
-    sys.stdout = sys.stderr = open(os.devnull, "w")  # it prints nothing
-    world, planners = make_world(args, count, args.push), pickle.loads(planners)
-    for row in rows:
-        pipe.send((row, walk_row(world, blocks, planners, row)))
-
-
-def start_helper(*settings):
-    """The pipe from a helper."""
-    spawn = multiprocessing.get_context("spawn")  # the same on every system
-    pipe, end = spawn.Pipe(duplex=False)
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # it inherits this: Ctrl-C is for us
-    spawn.Process(target=serve, args=(end, *settings), daemon=True).start()
-    signal.signal(signal.SIGINT, before)
-    end.close()  # ours; so reading ends when the helper does
-    return pipe
+def silence():
+    """A helper prints nothing: the notes of its worlds are printed once already."""
+    sys.stdout = sys.stderr = open(os.devnull, "w")
 
 
 def evaluate_all(args, blocks, planners, helpers=0):
     """Every planner in every block of Trials, with --noise once more: trials by row, which is
-    (planner, noise, σ). So many helpers share the work, but the user's own planners walk here.
+    (planner, noise, σ). So many helpers, other processes, share the work; the user's own planners
+    walk in this process.
 
-    blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
+    blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
     """
-    noises, count = sorted({False, args.noise}), len([*blocks.values()][0].goals)
-    ours = {name: p for name, p in planners.items() if type(p) in (PolicyPlanner, BaselinePlanner)}
-    own = [name for name in planners if name not in ours]
-    shared = [*itertools.product(ours, noises, blocks)]  # the policy is first, `baseline` last
-    results, every = {}, min(1 + helpers, len(shared))
+    noises = sorted({False, args.noise})
+    rows = [*itertools.product(planners, noises, blocks)]  # the policy is first, `baseline` last
+    ours = [row for row in rows if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
+    shared = [row for k, row in enumerate(ours) if k % (1 + helpers)]  # what helpers walk
+    here, results = [row for row in rows if row not in shared], {}
+
+    def job(row):
+        name, noise, std = row
+        return args, planners[name], noise, blocks[std]
 
     def take(row, trials):
         results[row] = trials
@@ -808,18 +799,23 @@ def evaluate_all(args, blocks, planners, helpers=0):
         said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
         print(f"{said}, {time:.2f} s a walk", flush=True)
 
-    settings = args, count, blocks, pickle.dumps(ours)
-    pipes = [start_helper(*settings, shared[k::every]) for k in range(1, every)]
-    with closing(make_world(args, count, args.push)) as world:
-        for row in (*shared[::every], *itertools.product(own, noises, blocks)):
-            take(row, walk_row(world, blocks, planners, row))
-        for pipe in pipes:
-            with suppress(EOFError, OSError):  # the helper has ended
-                while True:
-                    take(*pipe.recv())
-        for row in shared:
-            if row not in results:  # its helper ended too early
-                take(row, walk_row(world, blocks, planners, row))
+    spawn = multiprocessing.get_context("spawn")  # the same on every system
+    pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
+    futures = {row: pool.submit(walk_row, *job(row)) for row in shared}
+    signal.signal(signal.SIGINT, before)
+    try:
+        for row in here:
+            take(row, walk_row(*job(row)))
+        for row, future in futures.items():
+            try:
+                take(row, future.result())
+            except BrokenExecutor:  # a helper has died: too little memory?
+                take(row, walk_row(*job(row)))
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in multiprocessing.active_children():
+            process.terminate()
     return {
         (name, noise, std): results[name, noise, std]
         for std, noise, name in itertools.product(blocks, noises, planners)

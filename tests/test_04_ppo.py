@@ -972,8 +972,8 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
 def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
-    told = told_to_train(["--env", "Square-v0", "--gamma", "0.95"], monkeypatch)
-    assert told["cfg"] == replace(ppo.GYM_CONFIG, gamma=0.95)
+    told = told_to_train(["--env", "Square-v0"], monkeypatch)
+    assert told["cfg"] == ppo.GYM_CONFIG
     assert Path(told["out"]) == Path("runs/Square-v0")
     assert told["about"]["fits"] == {"simulator": "Square-v0"}
     with closing(told["make_envs"](2)) as envs:
@@ -1023,7 +1023,7 @@ def test_a_task_whose_module_is_missing_is_one_line(tmp_path, monkeypatch, name)
 @pytest.mark.slow
 def test_a_short_training_improves_the_pendulum(tmp_path):
     pendulum = partial(ppo.gym_envs, "Pendulum-v1")
-    _, rows = ppo.train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
+    _, rows = ppo.train(ppo.GYM_CONFIG, pendulum, tmp_path, 60_000)
     returns = np.array([row["return"] for row in rows])
     first, last = returns[1], np.nanmean(returns[-10:])
     assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"
