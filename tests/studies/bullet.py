@@ -1,19 +1,22 @@
-"""Another engine: our robot in PyBullet, for the study `transfer`. Its methods are those of MujocoSim.
+"""Another engine: our robot in PyBullet, for the study `transfer`.
 
     python -m pip install --only-binary=:all: pybullet==3.2.7
 
-The servo is that of stage 1, τ = clip(stiffness·(target − q), ± limit) − damping·q̇, computed anew
-every 2 ms and given as a torque: PyBullet's own position motor follows another law. Six things that
-cost us time, in case you build a simulator, too:
+MuJoCo's model of a robot holds all of its numbers: masses, places, motors, a Body. `BulletSim` hands
+them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So of MujocoSim's
+methods only `place` and `advance` are new. The servo is that of stage 1, computed anew every 2 ms and
+given as a torque; PyBullet's own position motor follows another law. Traps, each cost an afternoon:
 - PyBullet has no `armature`. The inertia of a rotor is added to the link below its joint, about the
   axis of the joint. (With the light link alone, 2 ms would be too long for this stiffness.)
 - A link has one joint. So where two axes meet, in hip and ankle, a link of 1 g stands between them.
-- The position of the base is that of its centre of mass, not that of its frame.
-- Dry friction is a motor that tries to hold its joint still, with the torque `stiction` at most.
+- `createMultiBody` puts the frame of the base somewhere; what is read later is where its centre of
+  mass is. (Confused, the robots fall from a height of 12 cm, and most of them walk on.)
+- Dry friction is a motor that tries to hold its joint still, with so much torque at most.
 - PyBullet multiplies the μ of two shapes: that of the floor is 1. Its friction cone is round only
   with enableConeFriction.
-- `createMultiBody` ignores inertias and joint limits: `changeDynamics` sets them afterwards.
-Every robot has a world of its own, so that some can walk while others wait; a reset builds it again.
+- `createMultiBody` takes no inertias and no joint limits, and leaves the joints' damping undefined:
+  `changeDynamics` sets them.
+Every robot has a world of its own, as some walk while others wait; a reset builds it again.
 """
 
 from functools import partial
@@ -22,156 +25,124 @@ import numpy as np
 from common import robot_model
 
 PIP = "python -m pip install --only-binary=:all: pybullet==3.2.7"
-AXES = np.tile(np.eye(3)[[2, 0, 1, 1, 1, 0]], (2, 1))  # [12, 3] z, x, y, y, y, x in both legs
-PARENTS = [0, 1, 2, 3, 4, 5, 0, 7, 8, 9, 10, 11]  # of the twelve links; 0: torso
-MASS = [0, 1, 1, 2, 3, 4, 4, 5, 5, 6, 7, 8, 8]  # columns of Body.mass: torso, then the links
-MIRROR = np.repeat([[1, 1, 1], [1, -1, 1]], 6, 0)  # [12, 3] of a place in the left, the right leg
 STEPS = 5  # of physics in a control tick
 FLOOR, ROBOT, JOINTS = 0, 1, [*range(12)]  # PyBullet counts the bodies of a world, and its joints
 
 
 class World:
-    """One of PyBullet's worlds: all of its functions."""
+    """One of PyBullet's worlds: all of its functions and constants."""
 
     def __init__(self):
         try:
             import pybullet
         except ImportError as error:
             raise robot_model.InputError(f"PyBullet is not installed: {PIP}") from error
-        self.bullet = pybullet
-        self.number = pybullet.connect(pybullet.DIRECT)
+        self.bullet, self.number = pybullet, pybullet.connect(pybullet.DIRECT)  # without a window
 
     def __getattr__(self, name):
-        return partial(getattr(self.bullet, name), physicsClientId=self.number)
+        found = getattr(self.bullet, name)
+        return partial(found, physicsClientId=self.number) if callable(found) else found
 
 
-class BulletSim(robot_model.Simulator):
-    """N robots in PyBullet. Columns of `state` [N, 21]: the torso's pose (x, y, z, roll, pitch, yaw),
-    its angular velocity about its own axes, the twelve joint angles."""
+class BulletSim(robot_model.MujocoSim):
+    """N robots in PyBullet; `state` as that of MujocoSim, without the rates of the joints."""
 
     def __init__(self, sim, num_robots, standing, robot, cores=None):
-        super().__init__(num_robots, standing, robot)
-        between = robot_model.Link(0.001, (0, 0, 0), (1e-5, 1e-5, 1e-5))
-        leg = between, robot.hip, robot.thigh, robot.shin, between, robot.foot
-        self.links = robot.torso, *leg, *leg
-        self.limit, self.damping = np.tile([robot.torque_limit, robot.damping], 2)  # [12] each
-        self.body = robot_model.Body.as_model(robot, num_robots)
-        self.state = np.zeros((num_robots, 21))
         self.worlds = [World() for _ in range(num_robots)]
-        self.reset(np.arange(num_robots))
+        super().__init__(num_robots, standing, robot, cores)
 
     def place(self, robots, body):
         """See `Simulator`."""
-        if body is not None:
-            for name, values in vars(body).items():
-                getattr(self.body, name)[robots] = values
+        super().place(robots, body)
         for i in robots:
-            self.build(self.worlds[i], i)
-            self.state[i] = self.read(i)
+            self.build(self.worlds[i], self.models[i])
 
-    def build(self, world, i):
-        """Floor and standing robot i."""
-        robot, body, bullet = self.robot, self.body, world.bullet
+    def build(self, world, model):
+        """Floor and standing robot."""
         torso, joints = self.standing
         world.resetSimulation()
-        world.setGravity(0, 0, -robot.gravity)
-        world.setPhysicsEngineParameter(robot.control_dt / STEPS, enableConeFriction=1)
-        world.createMultiBody(0, world.createCollisionShape(bullet.GEOM_PLANE))
+        world.setGravity(*model.opt.gravity)
+        world.setPhysicsEngineParameter(self.robot.control_dt / STEPS, enableConeFriction=1)
+        world.createMultiBody(0, world.createCollisionShape(world.GEOM_PLANE))
         world.changeDynamics(FLOOR, -1, lateralFriction=1)
-        places, soles = np.zeros((2, 6, 3)), [-1] * 12  # of the joints, seen from those above
-        places[:, 0] = robot.hips
-        places[:, 2, 0] = robot.hip_x
-        places[:, [3, 4], 2] = -robot.thigh_length, -robot.shin_length
-        half = (
-            np.array([robot.foot_front + robot.foot_back, robot.foot_width, robot.sole_height]) / 2
-        )
-        middle = robot.foot_front - half[0], robot.foot_outward, half[2] - robot.ankle_height
-        for k in (5, 11):
+        # MuJoCo's bodies are the world, the torso, the left hip, … Of the links that make up a body
+        # the first one has its place, the last one its mass.
+        part = model.jnt_bodyid[1:]  # [12] the body below a joint
+        last = np.append(np.diff(part) > 0, True)[:, None]  # [12, 1]
+        first, axes = np.roll(last, 1), model.jnt_axis[1:]
+        inertias = np.where(last, model.body_inertia[part], 1e-5)  # [12, 3]
+        inertias += model.dof_armature[6:, None] * axes
+        soles = [-1] * 12
+        for k, name in (5, "left sole"), (11, "right sole"):
+            sole = model.geom(name)
             soles[k] = world.createCollisionShape(
-                bullet.GEOM_BOX, halfExtents=half, collisionFramePosition=MIRROR[k] * middle
+                world.GEOM_BOX, halfExtents=sole.size, collisionFramePosition=sole.pos
             )
-        mass = body.mass[i, MASS] * [link.mass for link in self.links]  # [13]
-        centre = robot.torso.com + body.com[i]
         straight = [[0, 0, 0, 1]] * 12
         world.createMultiBody(
-            mass[0],
-            basePosition=torso[:3] + robot_model.rotation(*torso[3:]) @ centre,
+            model.body_mass[1],
+            basePosition=torso[:3],
             baseOrientation=world.getQuaternionFromEuler(torso[3:]),
-            baseInertialFramePosition=centre,
-            linkMasses=mass[1:],
+            baseInertialFramePosition=model.body_ipos[1],
+            linkMasses=np.where(last[:, 0], model.body_mass[part], 0.001),
             linkCollisionShapeIndices=soles,
             linkVisualShapeIndices=[-1] * 12,
-            linkPositions=places.reshape(12, 3),
+            linkPositions=first * model.body_pos[part],
             linkOrientations=straight,
-            linkInertialFramePositions=MIRROR * [link.com for link in self.links[1:]],
+            linkInertialFramePositions=last * model.body_ipos[part],
             linkInertialFrameOrientations=straight,
-            linkParentIndices=PARENTS,
-            linkJointTypes=[bullet.JOINT_REVOLUTE] * 12,
-            linkJointAxis=AXES,
-            flags=bullet.URDF_USE_SELF_COLLISION,  # the feet touch one another
+            linkParentIndices=[0, 1, 2, 3, 4, 5, 0, 7, 8, 9, 10, 11],  # 0: torso
+            linkJointTypes=[world.JOINT_REVOLUTE] * 12,
+            linkJointAxis=axes,
+            flags=world.URDF_USE_SELF_COLLISION,  # the feet touch one another
         )
-        rotors = robot.armature * np.vstack([np.zeros(3), AXES])  # [13, 3]
-        for k, link in enumerate(self.links):
+        for k, inertia in enumerate([model.body_inertia[1], *inertias], -1):  # -1: the torso
             world.changeDynamics(
                 ROBOT,
-                k - 1,  # -1: the base
-                lateralFriction=body.friction[i],
-                localInertiaDiagonal=body.mass[i, MASS[k]] * np.array(link.inertia) + rotors[k],
+                k,
+                lateralFriction=model.pair_friction[0, 0],
+                localInertiaDiagonal=inertia,
                 linearDamping=0,
                 angularDamping=0,
                 jointDamping=0,
-                jointLowerLimit=robot.joint_min[k % 6 - 1],  # the base has no joint
-                jointUpperLimit=robot.joint_max[k % 6 - 1],
             )
-        for k in JOINTS:
+        for k, (low, high) in enumerate(model.jnt_range[1:]):
+            world.changeDynamics(ROBOT, k, jointLowerLimit=low, jointUpperLimit=high)
             world.resetJointState(ROBOT, k, joints[k])
-        mode = bullet.VELOCITY_CONTROL
-        world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=body.stiction[i])
-
-    def read(self, i):
-        """The state [21] of robot i."""
-        world = self.worlds[i]
-        centre, (*xyz, w) = world.getBasePositionAndOrientation(ROBOT)
-        angles = robot_model.euler(np.array([w, *xyz]))
-        turn = robot_model.rotation(*angles)
-        place = centre - turn @ (self.robot.torso.com + self.body.com[i])
-        omega = turn.T @ world.getBaseVelocity(ROBOT)[1]
-        joints = [angle for angle, *_ in world.getJointStates(ROBOT, JOINTS)]
-        return np.concatenate([place, angles, omega, joints])
-
-    def imu(self, robots):
-        """See `Simulator`."""
-        return self.state[robots, 3:5], self.state[robots, 6:8]
+        mode, friction = world.VELOCITY_CONTROL, model.dof_frictionloss[6:]
+        world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=friction)  # to the rate 0
 
     def advance(self, robots, targets, push):
-        """See `Simulator`; the targets' rates are not used."""
-        states = np.empty((*push.shape[:2], 21))
-        gains = self.robot.stiffness * self.body.stiffness[robots]  # [n, 12]
+        """See `Simulator`."""
+        states = np.repeat(self.state[robots, None], push.shape[1], 1)
         for row, tick in np.ndindex(push.shape[:2]):
-            world, target = self.worlds[robots[row]], targets[row, tick, 0]
-            mode, frame = world.bullet.TORQUE_CONTROL, world.bullet.WORLD_FRAME
+            world, model = self.worlds[robots[row]], self.models[robots[row]]
+            limit, gain = model.actuator_forcerange[:, 1], model.actuator_gainprm[:, 0]  # [12] each
             for _ in range(STEPS):
                 q, rate = np.array([s[:2] for s in world.getJointStates(ROBOT, JOINTS)]).T
                 # τ = clip(k·(target − q), ± limit) − d·q̇
-                torque = np.clip(gains[row] * (target - q), -self.limit, self.limit)
-                torque -= self.damping * rate
-                world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=torque)
-                if push[row, tick].any():  # a force lasts for one step
-                    centre, _ = world.getBasePositionAndOrientation(ROBOT)
-                    force = [*push[row, tick], 0]
-                    world.applyExternalForce(ROBOT, -1, force, centre, frame)
+                torque = np.clip(gain * (targets[row, tick, 0] - q), -limit, limit)
+                torque -= model.dof_damping[6:] * rate
+                world.setJointMotorControlArray(ROBOT, JOINTS, world.TORQUE_CONTROL, forces=torque)
+                centre, turn = world.getBasePositionAndOrientation(ROBOT)
+                force = [*push[row, tick], 0]  # it lasts for one step
+                world.applyExternalForce(ROBOT, -1, force, centre, world.WORLD_FRAME)
                 world.stepSimulation()
-            states[row, tick] = self.read(robots[row])
+            centre, turn = world.getBasePositionAndOrientation(ROBOT)
+            turn = np.roll(turn, 1)  # PyBullet's w is the last
+            matrix = robot_model.rotation(*robot_model.euler(turn))
+            now = states[row, tick]  # a view
+            now[self.TIME] += (tick + 1) * self.robot.control_dt
+            now[self.POSITION] = centre - matrix @ model.body_ipos[1]
+            now[self.TURN] = turn
+            now[self.ANGLES] = [angle for angle, *_ in world.getJointStates(ROBOT, JOINTS)]
+            now[self.OMEGA] = matrix.T @ world.getBaseVelocity(ROBOT)[1]
+        states[~np.isfinite(states).all(2)] = 0  # as MuJoCo does: it begins again, at time 0
         self.state[robots] = states[:, -1]
         return states
 
-    def motion(self, robots, plan, states, ticks):
-        """See `Simulator`."""
-        seen = states[:, 1:]
-        lost = ~np.isfinite(states).all((1, 2))
-        return seen[..., :6], seen[..., 9:], seen[:, -1, 6:9], lost
-
     def close(self):
         """Ends its worlds."""
+        super().close()
         for world in self.worlds:
             world.disconnect()

@@ -52,7 +52,7 @@ def main(name, argv=None):
     """The command line of a study; it is imported by its name, as its own processes do."""
     study = import_module(name)
     only = {"choices": study.PARTS, "help": "measure this part, leave the others"}
-    args = arguments(study, argv, only=only)
+    args = arguments(study, argv, only=only, **getattr(study, "FLAGS", {}))
     for part in [args.only] if args.only else study.PARTS:
         publish(study, part, args)
 
@@ -66,6 +66,8 @@ def publish(study, part, args):
     """Measure a part of a study, "" if it is the only one, then write all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
+    if numbers is None:  # it was left out, and has said why
+        return
     if part:
         numbers = {**(read_json(path) if path.is_file() else {}), part: numbers}
     text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
@@ -331,7 +333,7 @@ def read_trials(path):
 
 STUDIES = (
     *("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers"),
-    *("cluster", "obstacles"),
+    *("cluster", "obstacles", "transfer"),
 )
 
 

@@ -1,0 +1,283 @@
+"""Does it walk where it was not trained: in another engine, in the team's own model of the robot?
+
+    python tests/studies/transfer.py --mujoco                  joints whose zeros are wrong
+    python tests/studies/transfer.py --mujoco --bullet         also in PyBullet, see `bullet.py`
+    python tests/studies/transfer.py --mujoco --urdf PATH      also in the team's model
+    python tests/studies/transfer.py --mujoco --walks 40 …     a tenth of the walks, for a lesson
+
+PATH: bitbots_wolfgang/wolfgang_description/urdf/robot.urdf in your own clone of bit-bots/bitbots_main
+at 3d2c30b74 (2024-09-26); its meshes are not needed. Nothing is trained or tuned here. --before
+POLICY.pt adds an older policy, with the walk and the robot that its file says it was trained with.
+
+Guess first: what costs the most time, the engine, the team's masses and shapes, or a degree in each
+joint? The file as published has a mistake: at its zero the right foot is rolled by 1.3°. (It stood
+there from 2020 to 2026.) The numbers of our RobotModel were taken from this file, too. What the file
+has and we have not: arms, cleats under the feet, and two legs that are not quite alike.
+"""
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import common
+import matplotlib.pyplot as plt
+import numpy as np
+from bullet import BulletSim
+from common import env, evaluate, pick, robot_model, walk_engine
+
+DURATION = "one hour on two cores, --bullet 40 minutes more, --urdf one hour more"
+FLAGS = {
+    "walks": {"type": int, "default": 400, "help": "to each set of goals (400)"},
+    "bullet": {"action": "store_true", "help": "also in PyBullet, a quarter of the walks"},
+    "urdf": {"type": Path, "help": "also in this model, the team's"},
+    "before": {"type": Path, "help": "also an older policy"},
+}
+SEED = 160  # of the evaluation; no other study uses it
+GOALS = {"near": (False, 0.0), "far": (True, 0.0), "pushed": (True, 0.4)}  # far? pushes [m/s]
+# ours = sign · theirs + zero [rad]: sign of the left, of the right leg; zero of the left, of the right
+JOINTS = {
+    "HipYaw": (-1, -1, 0, 0),  # their axis points down
+    "HipRoll": (1, 1, 0, 0),  # both point ahead
+    "HipPitch": (-1, 1, 0.0258, 0.0232),  # mirrored motors; our thigh is the line from hip to knee
+    "Knee": (1, -1, -0.2876, -0.2850),  # at their zero it is bent to the front, beyond straight
+    "AnklePitch": (1, -1, 0, 0),  # at both zeros the sole is at right angles to the shin
+    "AnkleRoll": (-1, -1, 0, 0),  # their axis points back
+}
+NAMES = [side + name for side in "LR" for name in JOINTS]
+SIGN, ZERO = np.transpose([*JOINTS.values()]).reshape(2, 12)
+MISTAKE = 1.5708 - 1.54833  # [rad] by which the file turns the right foot too little
+ARMS = {"LShoulderPitch": 0.6, "LElbow": 0.3, "RShoulderPitch": -0.6, "RElbow": -0.3}  # in a walk
+MASS = [0, 1, 1, 2, 3, 4, 4, 5, 5, 6, 7, 8, 8]  # columns of Body.mass of their torso and links
+OURS = (  # what the team's model gets from ours: motors
+    *("dof_damping", "dof_armature", "dof_frictionloss", "jnt_actfrclimited"),
+    *("actuator_gainprm", "actuator_biasprm", "actuator_biastype"),
+    *("actuator_forcerange", "actuator_forcelimited"),
+)
+
+
+# ------------------------------------------------------------------------ the team's model
+def readable(path):
+    """A URDF as MuJoCo can read it: the left leg first, and of all shapes only spheres, the cleats.
+    An InputError if it is not one, or one of a robot with other joints."""
+    try:
+        root = ET.parse(path).getroot()
+    except (OSError, ET.ParseError) as error:
+        raise robot_model.InputError(f"{path}: no URDF ({error})") from error
+    if absent := {*NAMES} - {joint.get("name") for joint in root.iter("joint")}:
+        raise robot_model.InputError(f"{path}: another robot, it has no joint {min(absent)}")
+    for link in root.iter("link"):
+        for shape in link.findall("visual") + link.findall("collision"):
+            if shape.tag == "visual" or shape.find("geometry/sphere") is None:
+                link.remove(shape)
+    root[:] = sorted(root, key=lambda part: part.get("name", "").upper().startswith("R"))
+    settings = {"fusestatic": "true", "balanceinertia": "true"}
+    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", settings)
+    return ET.tostring(root, encoding="unicode")
+
+
+def team_model(path, robot, mend=True):
+    """Their bodies with our angles, motors and floor, and their names as `MujocoSim` wants them: the
+    torso, then the links above which the twelve joints are."""
+    import mujoco
+
+    spec = mujoco.MjSpec.from_string(readable(path))
+    torso = spec.worldbody.first_body()
+    torso.add_freejoint()
+    for joint in spec.joints[1:]:
+        if joint.name not in NAMES:  # an arm or the head: it is held, and part of the torso
+            held, turn = np.zeros((2, 4))
+            mujoco.mju_axisAngle2Quat(turn, joint.axis, ARMS.get(joint.name, 0))
+            mujoco.mju_mulQuat(held, joint.parent.quat, turn)
+            joint.parent.quat = held
+            spec.delete(joint)
+    zero = ZERO - mend * MISTAKE * (np.arange(12) == 11)  # the last is the right ankle roll
+    for name, sign, angle in zip(NAMES, SIGN, zero):
+        joint = spec.joint(name)
+        joint.axis, joint.ref = sign * joint.axis, angle
+        joint.range = np.sort(sign * joint.range + angle)
+        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    cleats = spec.geoms
+    spec.worldbody.add_geom(name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    for k, cleat in enumerate(cleats):
+        cleat.name = f"cleat {k}"
+        spec.add_pair(geomname1="ground", geomname2=cleat.name, condim=3)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0  # only these pairs touch
+    model, ours = spec.compile(), robot_model.mujoco_model(robot)
+    for name in OURS:
+        getattr(model, name)[:] = getattr(ours, name)
+    for name in "timestep", "gravity", "cone", "integrator", "disableflags":
+        setattr(model.opt, name, getattr(ours.opt, name))
+    model.pair_friction[:] = ours.pair_friction[0]
+    return model, [torso.name, *(spec.joint(name).parent.name for name in NAMES)]
+
+
+class TeamSim(robot_model.MujocoSim):
+    """N robots of the team. Hip and foot are two bodies each, which share a factor of Body.mass."""
+
+    def __init__(self, path, mend, sim, num_robots, standing, robot, cores):
+        super().__init__(num_robots, standing, robot, cores, *team_model(path, robot, mend))
+
+    def place(self, robots, body):
+        super().place(robots, body and replace(body, mass=body.mass[:, MASS]))
+
+
+# ------------------------------------------------------------------------ the study
+def measure(args, cases, planners=None, share=1):
+    """A row for each planner in each case (settings of the world by name). Its times are compared,
+    goal by goal, with those in the first case, and those of the policy with it."""
+    if args.sim != "mujoco":
+        raise robot_model.InputError("this study is about the 3-D robot: add --mujoco")
+    planners = planners or {
+        "policy": common.policy(common.RESULTS / args.sim / "policy.pt", args.sim),
+        **common.opponents(args.sim),
+    }
+    first, rows, count = {}, [], max(1, args.walks // share)
+    for case, settings in cases.items():
+        told = {name: {"case": case, "planner": name} for name in planners}
+        for goals, (far, push) in GOALS.items():
+            with common.world(args.sim, num_robots=count, push=push, **settings) as world:
+                ended = {
+                    name: common.walks(planner, world, far, 1, SEED, count)
+                    for name, planner in planners.items()
+                }
+            for name, own in ended.items():
+                pairs = {
+                    "over_own": evaluate.time_ratio(own, first.setdefault((name, goals), own)),
+                    "policy_over": evaluate.time_ratio(ended["policy"], own),
+                }
+                row = common.row_of(own, name, far)
+                for key, ratio in pairs.items():
+                    row[key], row[f"{key}_ci95"] = map(ratio.get, ("time_ratio", "time_ratio_ci95"))
+                told[name] |= {f"{goals}_{key}": value for key, value in row.items()}
+        rows += told.values()
+    return {"rows": rows}
+
+
+def cases_without(args, name="", **settings):
+    """Cases in which the walk does not answer what the IMU measures, as far as it does."""
+    walk = walk_engine.TUNED[args.sim]
+    off = {"reflex off": {"reflex": 0.0}, "steps off": {"capture": 0.0, "wait": 0.0}}
+    walks = {name + key: replace(walk, **change) for key, change in off.items()}
+    return {key: {"walk": other, **settings} for key, other in walks.items() if other != walk}
+
+
+def cases_of_team(args):
+    """Their model, as published and mended."""
+    cases = {"team's, as published": False, "team's, mended": True}
+    return {name: {"simulate": partial(TeamSim, args.urdf, mend)} for name, mend in cases.items()}
+
+
+def study_zeros(args):
+    """Our own model; joints whose zeros are wrong; no answers."""
+    wrong = {
+        f"joint zeros, σ {degrees}°": {"spread": env.Spread(zero=np.radians(degrees))}
+        for degrees in (0.5, 1, 2)
+    }
+    return measure(args, {OWN: {}, **wrong, **cases_without(args)})
+
+
+def study_bullet(args):
+    """The other engine."""
+    if not args.bullet:
+        return print("PyBullet is left out: --bullet")
+    return measure(args, {OWN: {}, "PyBullet": {"simulate": BulletSim}}, share=4)
+
+
+def study_urdf(args):
+    """The team's model, also without answers."""
+    if not args.urdf:
+        return print("the team's model is left out: --urdf PATH, see results/STUDIES.md")
+    cases = cases_of_team(args)
+    mended = cases["team's, mended"]
+    return measure(args, {OWN: {}, **cases, **cases_without(args, "team's, mended, ", **mended)})
+
+
+def study_before(args):
+    """An older policy, with the robot, the walk and the limits of its training."""
+    if not args.before:
+        return print("an older policy is left out: --before POLICY.pt")
+    fits = common.ppo.load_policy(args.before)[1]["fits"]
+    robot = LACKS | fits["robot"]
+    robot |= {k: robot_model.Link(**v) for k, v in robot.items() if isinstance(v, dict)}
+    world = {
+        "robot": robot_model.RobotModel(**robot),
+        "walk": walk_engine.WalkParameters(**fits["walk"]),
+        "limits": env.StepLimits(**fits["step limit"]),
+    }
+    cases = {OWN: {}} | (cases_of_team(args) if args.urdf else {})
+    cases = {f"before: {name}": world | settings for name, settings in cases.items()}
+    return measure(args, cases, {"policy": common.policy(args.before, args.sim)})
+
+
+OWN = "our model"
+# What policies of before 2026-11-26 do not say of their robot
+LACKS = {
+    "hip_x": 0.0,
+    "stiction": (0.0,) * 6,
+    "damping": (1.736, 1.736, 1.736, 3.333, 1.736, 1.736),
+}
+PARTS = {"zeros": study_zeros, "bullet": study_bullet, "urdf": study_urdf, "before": study_before}
+SHOWN = PARTS  # the figure has all of them
+COLUMNS = {
+    **{"case": 0, "planner": 0, "far_episodes": 0, "near_success": 3, "near_time_mean": 2},
+    **{"far_success": 3, "far_time_mean": 2, "far_still_there": 2, "pushed_fall": 3},
+    **{"far_over_own": 2, "far_policy_over": 2},
+}
+
+
+def table(found, sim):
+    """A table for each part."""
+    return common.sections(found, dict.fromkeys(PARTS, COLUMNS))
+
+
+def rows_of(found):
+    """The rows of all parts."""
+    return [row for part in PARTS if part in found for row in found[part]["rows"]]
+
+
+def plot(found, sim):
+    """Far goals: who arrives, and how much longer it takes; a row a case, a colour a planner."""
+    figure, panels = plt.subplots(1, 2, figsize=(11, 5.5), sharey=True)
+    rows = [row for row in rows_of(found) if row["far_over_own"]]
+    cases = [*dict.fromkeys(row["case"] for row in rows)]
+    for shift, (name, color) in zip((0.2, 0, -0.2), common.COLORS.items()):
+        own = pick(rows, planner=name)
+        y = shift - np.array([cases.index(row["case"]) for row in own])
+        for panel, key in zip(panels, ("far_success", "far_over_own")):
+            x, (low, high) = (np.array([row[k] for row in own]).T for k in (key, f"{key}_ci95"))
+            errors = np.maximum(0, [x - low, high - x])
+            panel.errorbar(x, y, xerr=errors, fmt="o", color=color, capsize=3, label=name)
+    panels[0].set(xlabel="share of walks that arrive [1]", yticks=-np.arange(len(cases)))
+    panels[0].set_yticklabels(cases)
+    panels[1].axvline(1, color="0.5", zorder=0)
+    panels[1].set(xlabel="mean time ÷ that on our model, over goals that both reached [1]")
+    panels[1].legend()
+    figure.suptitle("Far goals with noise: the same planners in other worlds; bars: 95 % intervals")
+    return figure
+
+
+def found(data):
+    """Sentences by name, from the numbers of 3-D."""
+    rows, told = rows_of(data["mujoco"]), {}
+    for name in "expert", "baseline_tuned":
+        own = pick(rows, planner=name)
+        pairs = [row[f"{goals}_policy_over_ci95"] for row in own for goals in ("near", "far")]
+        less, more = (
+            sum(map(sure, filter(None, pairs)))
+            for sure in (lambda ci: ci[1] < 1, lambda ci: ci[0] > 1)
+        )
+        told[name] = (
+            f"Of {len(pairs)} pairs of a world and a set of goals (near, far) the policy needs less "
+            f"time than `{name}` in {less} and more in {more}; in the others the 95 % interval of "
+            "the ratio of their times contains 1."
+        )
+    shown = {
+        key: digits for key, digits in COLUMNS.items() if key not in ("planner", "far_policy_over")
+    }
+    return told | {"policy": f"The policy:\n\n{common.table(pick(rows, planner='policy'), shown)}"}
+
+
+if __name__ == "__main__":
+    common.start("transfer")
