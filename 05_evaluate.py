@@ -10,6 +10,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
+    python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
@@ -696,8 +697,9 @@ def load_policy(path, world):
     return PolicyPlanner(model), {"file": path.as_posix(), **facts}
 
 
-def load_planner(path):
-    """The planner in a file of your own. Errors in it show their own traceback."""
+def names_in(path, wanted=("ROBOT", "WALK", "LIMITS")):
+    """What a file of your own defines, by its name in small letters; else an InputError. Errors in it
+    show their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
@@ -705,9 +707,14 @@ def load_planner(path):
         names = runpy.run_path(str(path), run_name=path.as_posix())
     except SystemExit as error:
         raise robot_model.InputError(f"{path}: ends Python when it is read") from error
-    if "Planner" not in names:
-        raise robot_model.InputError(f"{path}: defines no class Planner")
-    return names["Planner"]()
+    if absent := {*wanted} - {*names}:
+        raise robot_model.InputError(f"{path}: defines no {min(absent)}")
+    return {name.lower(): names[name] for name in wanted}
+
+
+def load_planner(path):
+    """The planner in a file of your own."""
+    return names_in(path, ["Planner"])["planner"]()
 
 
 def printable(name):
@@ -755,11 +762,11 @@ def choose_planners(world, policies=(), planners=()):
 # ------------------------------------------------------------------------ command line
 def make_world(args, count, push=0.0, cores=None, noise=False):
     """A world as the command line asks for; with --friction the floor is the same for all."""
-    floor = {}
+    more = names_in(args.robot) if args.robot else {"robot": robot_model.RobotModel()}
     if args.friction is not None:
-        robot = robot_model.RobotModel(friction=args.friction)
-        floor = {"robot": robot, "spread": env.Spread(friction=0.0)}
-    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **floor)
+        more["robot"] = replace(more["robot"], friction=args.friction)
+        more["spread"] = env.Spread(friction=0.0)
+    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **more)
 
 
 # ------------------------------------------------------------------------ all rows of the table
@@ -834,6 +841,7 @@ def main(argv=None):
     add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
     add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
     add("--planner", type=Path, nargs="+", default=[], help="files of your own")
+    add("--robot", type=Path, help="a file with ROBOT, WALK and LIMITS")
     add("--gif", action="store_true", help="also draw a film")
     add("--play", action="store_true", help="click a goal, watch the robot walk")
     args = parser.parse_args(argv)
@@ -871,6 +879,7 @@ def main(argv=None):
             "goals": str(args.goals or "drawn"),
             "friction": "drawn" if args.friction is None else args.friction,
             "push": args.push,
+            "robot": str(args.robot),
             "rows": rows,
             "ratios": ratios,
         }

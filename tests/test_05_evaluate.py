@@ -664,8 +664,9 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
     (["--policy", "other.pt"], "other.pt: trained in mujoco; this is pymunk (with --mujoco mujoco"),
     (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
-    (["--planner", "text.py"], "text.py: defines no class Planner"),
+    (["--planner", "text.py"], "text.py: defines no Planner"),
     (["--planner", "leaves.py"], "leaves.py: ends Python when it is read"),
+    (["--robot", "text.py"], "text.py: defines no LIMITS"),
     (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
 ], ids=str)  # fmt: skip
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):

@@ -28,11 +28,10 @@ from common import env, evaluate, pick, robot_model, walk_engine
 
 DURATION = "one hour on two cores, --bullet 40 minutes more, --urdf one hour more"
 FLAGS = {
-    "walks": {"type": int, "default": 400, "help": "to each set of goals (400)"},
-    "bullet": {"action": "store_true", "help": "also in PyBullet, a quarter of the walks"},
-    "urdf": {"type": Path, "help": "also in this model, the team's"},
-    "before": {"type": Path, "help": "also an older policy"},
+    **{"walks": {"type": int, "default": 400}, "bullet": {"action": "store_true"}},
+    **{"urdf": {"type": Path}, "before": {"type": Path}},
 }
+RATIO = "time_ratio", "time_ratio_ci95"  # of `evaluate.time_ratio`
 SEED = 160  # of the evaluation; no other study uses it
 GOALS = {"near": (False, 0.0), "far": (True, 0.0), "pushed": (True, 0.4)}  # far? pushes [m/s]
 # ours = sign · theirs + zero [rad]: sign of the left, of the right leg; zero of the left, of the right
@@ -49,11 +48,12 @@ SIGN, ZERO = np.transpose([*JOINTS.values()]).reshape(2, 12)
 MISTAKE = 1.5708 - 1.54833  # [rad] by which the file turns the right foot too little
 ARMS = {"LShoulderPitch": 0.6, "LElbow": 0.3, "RShoulderPitch": -0.6, "RElbow": -0.3}  # in a walk
 MASS = [0, 1, 1, 2, 3, 4, 4, 5, 5, 6, 7, 8, 8]  # columns of Body.mass of their torso and links
-OURS = (  # what the team's model gets from ours: motors
-    *("dof_damping", "dof_armature", "dof_frictionloss", "jnt_actfrclimited"),
-    *("actuator_gainprm", "actuator_biasprm", "actuator_biastype"),
-    *("actuator_forcerange", "actuator_forcelimited"),
+# What it gets from our model: motors, physics
+OURS = (
+    "dof_damping dof_armature dof_frictionloss actuator_gainprm actuator_biasprm actuator_biastype"
 )
+OURS += " actuator_forcerange actuator_forcelimited jnt_actfrclimited"
+OPTIONS = "timestep gravity cone integrator disableflags"
 
 
 # ------------------------------------------------------------------------ the team's model
@@ -71,8 +71,6 @@ def readable(path):
             if shape.tag == "visual" or shape.find("geometry/sphere") is None:
                 link.remove(shape)
     root[:] = sorted(root, key=lambda part: part.get("name", "").upper().startswith("R"))
-    settings = {"fusestatic": "true", "balanceinertia": "true"}
-    ET.SubElement(ET.SubElement(root, "mujoco"), "compiler", settings)
     return ET.tostring(root, encoding="unicode")
 
 
@@ -82,6 +80,7 @@ def team_model(path, robot, mend=True):
     import mujoco
 
     spec = mujoco.MjSpec.from_string(readable(path))
+    spec.compiler.balanceinertia = True  # inertias of some links are rounded to what cannot be
     torso = spec.worldbody.first_body()
     torso.add_freejoint()
     for joint in spec.joints[1:]:
@@ -105,9 +104,9 @@ def team_model(path, robot, mend=True):
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0  # only these pairs touch
     model, ours = spec.compile(), robot_model.mujoco_model(robot)
-    for name in OURS:
+    for name in OURS.split():
         getattr(model, name)[:] = getattr(ours, name)
-    for name in "timestep", "gravity", "cone", "integrator", "disableflags":
+    for name in OPTIONS.split():
         setattr(model.opt, name, getattr(ours.opt, name))
     model.pair_friction[:] = ours.pair_friction[0]
     return model, [torso.name, *(spec.joint(name).parent.name for name in NAMES)]
@@ -138,33 +137,32 @@ def measure(args, cases, planners=None, share=1):
         told = {name: {"case": case, "planner": name} for name in planners}
         for goals, (far, push) in GOALS.items():
             with common.world(args.sim, num_robots=count, push=push, **settings) as world:
-                ended = {
-                    name: common.walks(planner, world, far, 1, SEED, count)
-                    for name, planner in planners.items()
-                }
-            for name, own in ended.items():
-                pairs = {
-                    "over_own": evaluate.time_ratio(own, first.setdefault((name, goals), own)),
-                    "policy_over": evaluate.time_ratio(ended["policy"], own),
-                }
-                row = common.row_of(own, name, far)
-                for key, ratio in pairs.items():
-                    row[key], row[f"{key}_ci95"] = map(ratio.get, ("time_ratio", "time_ratio_ci95"))
-                told[name] |= {f"{goals}_{key}": value for key, value in row.items()}
+                for name, planner in planners.items():
+                    ended = common.walks(planner, world, far, 1, SEED, count)
+                    if name == "policy":  # it is the first one
+                        policy = ended
+                    own = first.setdefault((name, goals), ended)
+                    row = common.row_of(ended, name, far)
+                    for key, pair in ("over_own", (ended, own)), ("policy_over", (policy, ended)):
+                        ratio = evaluate.time_ratio(*pair)
+                        row[key], row[f"{key}_ci95"] = map(ratio.get, RATIO)
+                    told[name] |= {f"{goals}_{key}": value for key, value in row.items()}
         rows += told.values()
     return {"rows": rows}
 
 
-def cases_without(args, name="", **settings):
+def without(args, **settings):
     """Cases in which the walk does not answer what the IMU measures, as far as it does."""
     walk = walk_engine.TUNED[args.sim]
-    off = {"reflex off": {"reflex": 0.0}, "steps off": {"capture": 0.0, "wait": 0.0}}
-    walks = {name + key: replace(walk, **change) for key, change in off.items()}
-    return {key: {"walk": other, **settings} for key, other in walks.items() if other != walk}
+    off = {
+        "reflex off": replace(walk, reflex=0.0),
+        "steps off": replace(walk, capture=0.0, wait=0.0),
+    }
+    return {name: {"walk": other, **settings} for name, other in off.items() if other != walk}
 
 
-def cases_of_team(args):
-    """Their model, as published and mended."""
+def in_team(args):
+    """Cases in their model, as published and mended."""
     cases = {"team's, as published": False, "team's, mended": True}
     return {name: {"simulate": partial(TeamSim, args.urdf, mend)} for name, mend in cases.items()}
 
@@ -175,7 +173,7 @@ def study_zeros(args):
         f"joint zeros, σ {degrees}°": {"spread": env.Spread(zero=np.radians(degrees))}
         for degrees in (0.5, 1, 2)
     }
-    return measure(args, {OWN: {}, **wrong, **cases_without(args)})
+    return measure(args, {OWN: {}, **wrong, **without(args)})
 
 
 def study_bullet(args):
@@ -189,9 +187,10 @@ def study_urdf(args):
     """The team's model, also without answers."""
     if not args.urdf:
         return print("the team's model is left out: --urdf PATH, see results/STUDIES.md")
-    cases = cases_of_team(args)
-    mended = cases["team's, mended"]
-    return measure(args, {OWN: {}, **cases, **cases_without(args, "team's, mended, ", **mended)})
+    cases = in_team(args)
+    off = without(args, **cases["team's, mended"])
+    off = {f"team's, mended, {name}": settings for name, settings in off.items()}
+    return measure(args, {OWN: {}, **cases, **off})
 
 
 def study_before(args):
@@ -206,7 +205,7 @@ def study_before(args):
         "walk": walk_engine.WalkParameters(**fits["walk"]),
         "limits": env.StepLimits(**fits["step limit"]),
     }
-    cases = {OWN: {}} | (cases_of_team(args) if args.urdf else {})
+    cases = {OWN: {}, **(in_team(args) if args.urdf else {})}
     cases = {f"before: {name}": world | settings for name, settings in cases.items()}
     return measure(args, cases, {"policy": common.policy(args.before, args.sim)})
 

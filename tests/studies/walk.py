@@ -3,18 +3,20 @@
     python tests/studies/walk.py             speeds, random plans, the feet, DRIFT; 20 seconds
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
+    python tests/studies/walk.py --tune --robot FILE.py    the same for another robot, from its WALK on
 
 (each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. Every cell of a
-map is eight walks. --tune prints a line for TUNED.
+map is eight walks. --tune prints a line for TUNED, or for WALK; it writes no file.
 """
 
 from dataclasses import replace
 from importlib import import_module
+from pathlib import Path
 
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import env, robot_model, share, walk_engine
+from common import env, evaluate, robot_model, share, walk_engine
 
 DURATION = "20 seconds; --limits 2 minutes; --tune 20 minutes, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -146,7 +148,21 @@ def measure_drift(sim, count=1000, size=0.75):
     return off_plan(planned[stood], poses[stood])
 
 
-def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
+def size(robot):
+    """How long its legs are, ours are 1."""
+    ours = robot_model.RobotModel()
+    return (robot.thigh_length + robot.shin_length) / (ours.thigh_length + ours.shin_length)
+
+
+def measure(
+    sim,
+    parameters,
+    seed=0,
+    frictions=FRICTION,
+    count=PLANS,
+    robot=robot_model.RobotModel(),
+    limits=None,
+):
     """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
 
     speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
@@ -154,10 +170,11 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     that did not fall; steps: share of their double steps before a fall; clearance: median and 5th
     percentile, and slip: median, of `clearance_and_slip` over all walks [m].
     """
-    rng, straight, limits = np.random.default_rng(seed), speed_plans(), env.LIMITS[sim]
+    rng, limits = np.random.default_rng(seed), limits or env.LIMITS[sim]
+    straight = speed_plans() * [size(robot), size(robot), 1]
     random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
     plans = np.concatenate([*[straight] * len(frictions), random])
-    body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
+    body = env.Spread().draw(rng.spawn(len(plans)), robot)
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
     poses, wanted, fall = walk_engine.walk_plans(
@@ -167,9 +184,10 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
         body,
         gyro_errors(rng, len(plans)),
         watch=lambda engine, motion: feet.append(clearance_and_slip(engine, motion)),
+        robot=robot,
     )
     clearance, slip = map(np.concatenate, zip(*feet))
-    period, speeds, tracking = walk_engine.WalkEngine(1, parameters).period, [], []
+    period, speeds, tracking = 2 * parameters.half_ticks * robot.control_dt, [], []
     for first in np.arange(len(frictions)) * len(straight):
         rows = slice(first, first + len(straight))
         speeds.append(highest_speed(poses[rows], fall[rows], period))
@@ -204,7 +222,7 @@ def in_words(measured):
     )
 
 
-SEARCH = {  # tuned parameters and their ranges: from those of [5] of stage 02
+SEARCH = {  # tuned parameters and their ranges, of our robot: from those of [5] of stage 02
     "half_ticks": (25, 40),
     "double_support": (0.0, 0.4),
     "foot_distance": (0.15, 0.22),
@@ -217,20 +235,23 @@ SEARCH = {  # tuned parameters and their ranges: from those of [5] of stage 02
     "pitch_per_step": (-1.0, 1.0),
     "trunk_roll": (-0.02, 0.12),
 }
+# By which power of its `size` they are larger for another robot: lengths, times, angles per length
+POWER = dict.fromkeys(("foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"), 1)
+POWER |= {"half_ticks": 0.5, "pitch_per_step": -1}
 PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
 
 
-def score(sim, measured):
+def score(sim, measured, size=1):
     """What tuning maximises; see `measure`.
 
     Mean of √(speed / required speed) at the worst μ + 2 · share of random double steps + share of
-    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
-    makes a slow direction count more than a fast one; slip is only printed.
+    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. (Times its
+    `size` for another robot.) The root makes a slow direction count more than a fast one; slip is only printed.
     """
     real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
     worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
     off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
-    feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
+    feet = min(measured["clearance"][0] / 0.008 / size, 1)  # more is not rewarded
     return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
 
@@ -240,19 +261,21 @@ def changed(start, names, x):
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
 
 
-def tune(sim, seed, sizes=(10, 28, 7)):
-    """A search from TUNED on, see `common.cross_entropy`: 10 times 28 candidates, the best quarter
-    is kept. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
+def tune(sim, seed, sizes=(10, 28, 7), robot=robot_model.RobotModel(), walk=None, limits=None):
+    """A search from `walk` (None: TUNED) on, see `common.cross_entropy`: 10 times 28 candidates, the
+    best quarter is kept. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
     """
-    start = walk_engine.TUNED[sim]
+    start = walk or walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
-    low, high = np.array([SEARCH[name] for name in names]).T
+    scale = [size(robot) ** POWER.get(name, 0) for name in names]
+    low, high = np.array([SEARCH[name] for name in names]).T * scale
 
     def costs(iteration, drawn):
         tried = [changed(start, names, x) for x in drawn]
         # In one iteration all candidates walk in the same worlds; `main` takes other ones.
-        seen = [measure(sim, candidate, iteration) for candidate in tried]
-        scores = np.array([score(sim, measured) for measured in seen])
+        own = {"robot": robot, "limits": limits}
+        seen = [measure(sim, candidate, iteration, **own) for candidate in tried]
+        scores = np.array([score(sim, measured, size(robot)) for measured in seen])
         print(
             f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}  |  "
             f"{in_words(seen[0])}\n{tried[0]}",
@@ -376,9 +399,13 @@ def main(argv=None):
         study,
         argv,
         **{name: {"action": "store_true", "help": words} for name, words in flags.items()},
+        robot={"type": Path, "help": "of this file: ROBOT, WALK, LIMITS"},
     )
     if args.tune:
-        print(tune(args.sim, args.seed))
+        own = evaluate.names_in(args.robot) if args.robot else {}
+        print(tune(args.sim, args.seed, **own))
+    elif args.robot:
+        raise robot_model.InputError("--robot goes with --tune")
     elif args.limits:
         common.publish(study, "limits", args)
     else:

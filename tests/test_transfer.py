@@ -1,0 +1,244 @@
+"""The study `transfer`: another model of the robot, another engine, another robot. The team's own
+file is not here; a small one is written by hand, from the table of joints."""
+
+import sys
+from argparse import Namespace
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from pathlib import Path
+
+import bullet
+import common
+import mujoco
+import numpy as np
+import pytest
+import transfer
+from checks import close
+
+robot_model, walk_engine, env = common.robot_model, common.walk_engine, common.env
+evaluate = common.evaluate
+OP3 = Path(__file__).parent / "exercises" / "starters" / "op3.py"
+ROBOT = replace(robot_model.RobotModel(), hip_x=0.02)
+PLACES = (  # of a joint, seen from the one above; the left hip's y is ROBOT.hip_y
+    *((0, 0, 0), (0, 0, ROBOT.hip_z), (ROBOT.hip_x, 0, 0)),
+    *((0, 0, -ROBOT.thigh_length), (0, 0, -ROBOT.shin_length), (0, 0, 0)),
+)
+AXES = np.eye(3)[[2, 0, 1, 1, 1, 0]]
+LINK = (
+    '<link name="{}"><inertial><mass value="{}"/><origin xyz="0 0 {}"/>'
+    '<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial>{}</link>'
+)
+MESH = '<visual><geometry><mesh filename="package://nowhere/leg.stl"/></geometry></visual>'
+BOX = '<collision><geometry><box size="1 1 1"/></geometry></collision>'
+JOINT = (
+    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{}" rpy="{}"/>'
+    '<axis xyz="{}"/><limit lower="{}" upper="{}" effort="1" velocity="1"/>'
+    '<dynamics damping="9" friction="9"/></joint>'
+)
+
+
+def words(numbers):
+    return " ".join(map(str, numbers))
+
+
+def small_urdf(path):
+    """The right leg first, as in theirs. At their zeros its links are turned by our zeros, and the
+    right foot is rolled as in the published file."""
+    parts = [LINK.format("base_link", 3.0, 0.12, MESH + BOX, i=0.04)]
+    for side, outward in ("R", -1), ("L", 1):
+        above = "base_link"
+        for k, (name, row) in enumerate(transfer.JOINTS.items()):
+            sign, zero = row[side == "R"], row[2 + (side == "R")]
+            turn = (zero - transfer.MISTAKE * (side + name == "RAnkleRoll")) * AXES[k]
+            place = np.add(PLACES[k], [0, outward * ROBOT.hip_y * (k == 0), 0])
+            link, cleats = f"{side.lower()}_{k}", MESH
+            for x, y in product((0.1, -0.07), (0.04, -0.04)) if k == 5 else ():
+                low = 0.006 - ROBOT.ankle_height
+                cleats += f'<collision><origin xyz="{x} {y + outward * 0.015} {low}"/><geometry>'
+                cleats += '<sphere radius="0.006"/></geometry></collision>'
+            limits = sorted(sign * (np.array([-1.5, 2.0]) - zero))
+            joint = side + name, "revolute", above, link, words(place), words(turn)
+            parts.append(LINK.format(link, 0.3, -0.02, cleats, i=0.001))
+            parts.append(JOINT.format(*joint, words(sign * AXES[k]), *limits))
+            above = link
+        parts.append(LINK.format(f"{side}_arm", 0.1, -0.1, "", i=0.001))
+        arm = side + "ShoulderPitch", "revolute", "base_link", f"{side}_arm", "0 0 0.2", "0 0 0"
+        parts.append(JOINT.format(*arm, f"0 {outward} 0", -3, 3))
+    path.write_text(f'<robot name="small">{"".join(parts)}</robot>', "utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def urdf(tmp_path_factory):
+    return small_urdf(tmp_path_factory.mktemp("urdf") / "robot.urdf")
+
+
+@pytest.mark.parametrize("mend", [True, False])
+def test_the_team_s_legs_are_ours_in_every_pose(urdf, mend):
+    """Names, signs and zeros of the table: our angles put their feet where ours are."""
+    model, parts = transfer.team_model(urdf, ROBOT, mend)
+    assert [model.joint(k).name for k in range(1, 13)] == transfer.NAMES, "the left leg first"
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    for joints in rng.uniform(-0.3, 0.6, (20, 12)):
+        data.qpos[:] = np.concatenate([np.zeros(3), [1, 0, 0, 0], joints])
+        mujoco.mj_kinematics(model, data)
+        points, turn = robot_model.leg_points(ROBOT, joints.reshape(2, 6))
+        for leg, foot in enumerate((parts[6], parts[12])):
+            close(data.body(foot).xpos, points[leg, 2] + ROBOT.hips[leg], foot)
+            rolled = transfer.MISTAKE * (leg == 1 and not mend)
+            published = robot_model.rotation(np.array(-rolled), np.zeros(()), np.zeros(()))
+            close(data.body(foot).xmat.reshape(3, 3), turn[leg] @ published, "published: rolled")
+    close(model.jnt_range[1:12], np.tile([-1.5, 2.0], (11, 1)), "limits turn with signs and zeros")
+
+
+def test_the_team_s_model_has_our_motors_and_touches_with_its_cleats(urdf):
+    model, parts = transfer.team_model(urdf, ROBOT)
+    ours = robot_model.mujoco_model(ROBOT)
+    for name in transfer.OURS.split():
+        close(getattr(model, name), getattr(ours, name), name)
+    assert model.npair == 8 and not (model.geom_contype | model.geom_conaffinity).any()
+    close(model.body("base_link").mass, 3.2, "arms are part of the torso")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    simulator = transfer.TeamSim(urdf, True, "mujoco", 1, robot_model.stance(ROBOT), ROBOT, 1)
+    body = env.Spread().draw([np.random.default_rng(0)], ROBOT)
+    simulator.reset([0], body)
+    masses = simulator.models[0].body_mass[simulator.parts] / model.body_mass[simulator.parts]
+    left, right = body.mass[0, [4, 8]]
+    close(masses[[5, 6, 11, 12]], [left, left, right, right], "a foot of theirs is two bodies")
+    plan = robot_model.Trajectory(
+        np.tile(simulator.standing[1], (1, 101, 1)), np.zeros((1, 101, 6))
+    )
+    motion = simulator.run([0], plan)
+    simulator.close()
+    assert not motion.fell[0] and abs(motion.torso[0, -1, 2] - simulator.standing[0][2]) < 0.01
+
+
+@pytest.mark.parametrize("text, reason", [
+    (None, "no URDF .*No such file"),
+    ("<robot", "no URDF"),
+    ('<robot><joint name="hip"/></robot>', "another robot, it has no joint LAnklePitch"),
+], ids=str)  # fmt: skip
+def test_a_file_of_another_robot_is_one_line(tmp_path, text, reason):
+    path = tmp_path / "robot.urdf"
+    if text:
+        path.write_text(text)
+    with pytest.raises(robot_model.InputError, match=f"robot.urdf: {reason}") as stopped:
+        transfer.team_model(path, ROBOT)
+    assert len(str(stopped.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("part", ["bullet", "urdf", "before"])
+def test_what_was_not_given_is_left_out_in_words(part, tmp_path, capsys):
+    common.main("transfer", ["--mujoco", "--only", part, "--out", str(tmp_path)])
+    assert f"left out: --{part}" in capsys.readouterr().out
+    assert not [*tmp_path.iterdir()]
+
+
+def test_without_pybullet_one_line_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pybullet", None)
+    with pytest.raises(robot_model.InputError, match="python -m pip install .*pybullet==3.2.7"):
+        bullet.BulletSim("mujoco", 1, robot_model.stance(ROBOT), ROBOT)
+
+
+def test_rows_compare_the_same_goals_and_become_table_words_and_figure(monkeypatch):
+    monkeypatch.setattr(common, "PER_SET", 2)
+    planners = {
+        "policy": common.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco"),
+        **common.opponents("mujoco"),
+    }
+    args, cases = Namespace(sim="mujoco", walks=2), {transfer.OWN: {}, "again": {}}
+    found = {"zeros": transfer.measure(args, cases, planners)}
+    own, again = (common.pick(found["zeros"]["rows"], case=case) for case in cases)
+    for row, other in zip(own, again):
+        assert other["far_over_own"] == pytest.approx(1) and row["far_time_mean"] > 0
+        close(other["far_policy_over"], own[0]["far_time_mean"] / row["far_time_mean"])
+    figure = transfer.plot(found, "mujoco")
+    assert [text.get_text() for text in figure.axes[0].get_yticklabels()] == [*cases]
+    robot_model.plt.close(figure)
+    assert "again" in transfer.table(found, "mujoco")
+    assert "pairs" in transfer.found({"mujoco": found})["expert"]
+
+
+def test_an_older_policy_walks_on_the_robot_of_its_training(monkeypatch):
+    worlds = []
+    monkeypatch.setattr(transfer, "measure", lambda args, cases, planners: worlds.append(cases))
+    path = common.RESULTS / "mujoco" / "policy.pt"
+    transfer.study_before(Namespace(before=path, urdf=None, sim="mujoco"))
+    (world,) = worlds[0].values()
+    with common.world("mujoco", num_robots=1, **world) as one:
+        fits = common.ppo.load_policy(path)[1]["fits"]
+        here = common.ppo.fingerprint(one, 20)
+    for kind in "walk", "step limit", "robot":
+        assert not common.ppo.differences(fits[kind], here[kind])
+
+
+def test_the_robot_of_a_file_walks(tmp_path):
+    settings = evaluate.names_in(OP3)
+    with common.world("mujoco", num_robots=4, noise=False, cores=1, **settings) as world:
+        close(sum(world.simulator.model.body_mass), 3.15, "kg", atol=0.01)
+        for _ in range(6):
+            result = world.step([world.neutral_action] * 4, np.arange(4))
+        assert not result["fall"].any()
+
+
+# ------------------------------------------------------------------------ PyBullet
+@pytest.mark.slow
+def test_another_engine_walks_the_same_walks():
+    """Four walks of stage 2: in PyBullet they end near the command, as in MuJoCo."""
+    pytest.importorskip("pybullet", reason=f"PyBullet is not installed: {bullet.PIP}")
+    plans = [[double_step] * 8 for double_step in walk_engine.WALKS.values()]
+    walk, body = walk_engine.TUNED["mujoco"], robot_model.Body.as_model(ROBOT, 4)
+    heights = []
+
+    def watch(engine, motion):
+        heights.append(motion.torso[:, 0, 2])
+
+    run = partial(walk_engine.walk_plans, "mujoco", walk, plans, simulate=bullet.BulletSim)
+    poses, commanded, fall = run(body, watch=watch)
+    assert (fall == 8).all(), "nobody falls"
+    close(heights[0], walk.trunk_height, "they stand on the floor, and do not fall onto it", 0.003)
+    error = np.abs(poses[:, -1] - commanded[:, -1])
+    assert (error < [0.15, 0.15, 0.5]).all(), error
+    close(run(body)[0], poses, "the same again")
+    slippery = replace(body, friction=np.full(4, 0.05))
+    assert np.abs(run(slippery)[0][0, -1, 0] - poses[0, -1, 0]) > 0.2, "its own floor"
+    late = replace(body, delay=np.ones(4, int))
+    assert np.abs(run(late)[0] - poses).max() > 0.005, "delay"
+
+
+@pytest.mark.slow
+def test_pybullet_has_our_masses_motors_and_pushes():
+    pytest.importorskip("pybullet", reason=f"PyBullet is not installed: {bullet.PIP}")
+    standing = robot_model.stance(ROBOT)
+    simulator = bullet.BulletSim("mujoco", 3, standing, ROBOT)
+    body = env.Spread(com=0.02).draw([np.random.default_rng(k) for k in range(3)], ROBOT)
+    simulator.reset(np.arange(3), body)
+    model = simulator.models[1]
+    for k, name in (-1, "torso"), (1, "left hip"), (3, "left shin"), (11, "right foot"):
+        mass, friction, inertia, centre, *_ = simulator.worlds[1].getDynamicsInfo(bullet.ROBOT, k)
+        close([mass, friction], [*model.body(name).mass, body.friction[1]], name)
+        close(centre, model.body(name).ipos, name)
+        rotor = [0, 0, 0] if k < 0 else ROBOT.armature * model.jnt_axis[1 + k]
+        close(inertia, model.body(name).inertia + rotor, name)
+    plan = robot_model.Trajectory(np.tile(standing[1], (3, 31, 1)), np.zeros((3, 31, 6)))
+    plain = robot_model.Body.as_model(ROBOT, 3)
+    moved = []
+    for force in (0, 20):  # [N], to the left
+        simulator.reset(np.arange(3), plain)
+        disturbance = robot_model.Disturbance.none(plan)
+        disturbance.push[1, 5:10, 1] = force
+        moved.append(simulator.run(np.arange(3), plan, disturbance).torso[:, -1, 1])
+    simulator.close()
+    close(moved[0], np.zeros(3), "nobody moves", atol=0.004)
+    assert moved[1][1] > 0.005 and abs(moved[1][0] - moved[0][0]) < 1e-9, "one of three is pushed"
+
+
+@pytest.mark.slow
+def test_the_policy_arrives_in_another_engine():
+    pytest.importorskip("pybullet", reason=f"PyBullet is not installed: {bullet.PIP}")
+    policy = common.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco")
+    with common.world("mujoco", num_robots=12, simulate=bullet.BulletSim) as world:
+        ended = common.walks(policy, world, True, 1, transfer.SEED, 12)
+    assert (ended["outcome"] == "success").sum() >= 11
