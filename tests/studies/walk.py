@@ -148,12 +148,6 @@ def measure_drift(sim, count=1000, size=0.75):
     return off_plan(planned[stood], poses[stood])
 
 
-def size(robot):
-    """How long its legs are, ours are 1."""
-    ours = robot_model.RobotModel()
-    return (robot.thigh_length + robot.shin_length) / (ours.thigh_length + ours.shin_length)
-
-
 def measure(
     sim,
     parameters,
@@ -171,7 +165,8 @@ def measure(
     percentile, and slip: median, of `clearance_and_slip` over all walks [m].
     """
     rng, limits = np.random.default_rng(seed), limits or env.LIMITS[sim]
-    straight = speed_plans() * [size(robot), size(robot), 1]
+    size = robot.thigh_length / robot_model.RobotModel.thigh_length
+    straight = speed_plans() * [size, size, 1]
     random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
     plans = np.concatenate([*[straight] * len(frictions), random])
     body = env.Spread().draw(rng.spawn(len(plans)), robot)
@@ -235,23 +230,23 @@ SEARCH = {  # tuned parameters and their ranges, of our robot: from those of [5]
     "pitch_per_step": (-1.0, 1.0),
     "trunk_roll": (-0.02, 0.12),
 }
-# By which power of its `size` they are larger for another robot: lengths, times, angles per length
+# For another robot: by which power of its size they change; lengths, time, angle per length
 POWER = dict.fromkeys(("foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"), 1)
 POWER |= {"half_ticks": 0.5, "pitch_per_step": -1}
 PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
 
 
-def score(sim, measured, size=1):
+def score(sim, measured):
     """What tuning maximises; see `measure`.
 
     Mean of √(speed / required speed) at the worst μ + 2 · share of random double steps + share of
-    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. (Times its
-    `size` for another robot.) The root makes a slow direction count more than a fast one; slip is only printed.
+    random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
+    makes a slow direction count more than a fast one; slip is only printed.
     """
     real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
     worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
     off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
-    feet = min(measured["clearance"][0] / 0.008 / size, 1)  # more is not rewarded
+    feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
     return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
 
@@ -267,7 +262,8 @@ def tune(sim, seed, sizes=(10, 28, 7), robot=robot_model.RobotModel(), walk=None
     """
     start = walk or walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
-    scale = [size(robot) ** POWER.get(name, 0) for name in names]
+    size = robot.thigh_length / robot_model.RobotModel.thigh_length
+    scale = [size ** POWER.get(name, 0) for name in names]
     low, high = np.array([SEARCH[name] for name in names]).T * scale
 
     def costs(iteration, drawn):
@@ -275,7 +271,7 @@ def tune(sim, seed, sizes=(10, 28, 7), robot=robot_model.RobotModel(), walk=None
         # In one iteration all candidates walk in the same worlds; `main` takes other ones.
         own = {"robot": robot, "limits": limits}
         seen = [measure(sim, candidate, iteration, **own) for candidate in tried]
-        scores = np.array([score(sim, measured, size(robot)) for measured in seen])
+        scores = np.array([score(sim, measured) for measured in seen])
         print(
             f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}  |  "
             f"{in_words(seen[0])}\n{tried[0]}",
