@@ -142,13 +142,12 @@ def test_without_pybullet_one_line_says_how_to_get_it(monkeypatch):
         bullet.BulletSim("mujoco", 1, robot_model.stance(ROBOT), ROBOT)
 
 
-def test_rows_compare_the_same_goals_and_become_table_words_and_figure(monkeypatch):
-    monkeypatch.setattr(common, "PER_SET", 2)
+def test_rows_compare_the_same_goals_and_become_table_words_and_figure():
     planners = {
         "policy": common.policy(common.RESULTS / "mujoco" / "policy.pt", "mujoco"),
         **common.opponents("mujoco"),
     }
-    args, cases = Namespace(sim="mujoco", walks=2), {transfer.OWN: {}, "again": {}}
+    args, cases = Namespace(sim="mujoco", walks=1), {transfer.OWN: {}, "again": {}}
     found = {"zeros": transfer.measure(args, cases, planners)}
     own, again = (common.pick(found["zeros"]["rows"], case=case) for case in cases)
     for row, other in zip(own, again):
@@ -186,7 +185,7 @@ def test_the_robot_of_a_file_walks(tmp_path):
 # ------------------------------------------------------------------------ PyBullet
 @pytest.mark.slow
 def test_another_engine_walks_the_same_walks():
-    """Four walks of stage 2: in PyBullet they end near the command, as in MuJoCo."""
+    """Four walks of stage 2: in PyBullet they end where they end in MuJoCo, nearly."""
     pytest.importorskip("pybullet", reason=f"PyBullet is not installed: {bullet.PIP}")
     plans = [[double_step] * 8 for double_step in walk_engine.WALKS.values()]
     walk, body = walk_engine.TUNED["mujoco"], robot_model.Body.as_model(ROBOT, 4)
@@ -196,11 +195,12 @@ def test_another_engine_walks_the_same_walks():
         heights.append(motion.torso[:, 0, 2])
 
     run = partial(walk_engine.walk_plans, "mujoco", walk, plans, simulate=bullet.BulletSim)
-    poses, commanded, fall = run(body, watch=watch)
+    poses, _, fall = run(body, watch=watch)
     assert (fall == 8).all(), "nobody falls"
     close(heights[0], walk.trunk_height, "they stand on the floor, and do not fall onto it", 0.003)
-    error = np.abs(poses[:, -1] - commanded[:, -1])
-    assert (error < [0.15, 0.15, 0.5]).all(), error
+    ours, _, _ = run(body, simulate=robot_model.make_sim)
+    error = np.abs(poses[:, -1] - ours[:, -1])
+    assert (error < [0.15, 0.15, 0.35]).all(), error
     close(run(body)[0], poses, "the same again")
     slippery = replace(body, friction=np.full(4, 0.05))
     assert np.abs(run(slippery)[0][0, -1, 0] - poses[0, -1, 0]) > 0.2, "its own floor"
@@ -225,14 +225,14 @@ def test_pybullet_has_our_masses_motors_and_pushes():
     plan = robot_model.Trajectory(np.tile(standing[1], (3, 31, 1)), np.zeros((3, 31, 6)))
     plain = robot_model.Body.as_model(ROBOT, 3)
     moved = []
-    for force in (0, 20):  # [N], to the left
+    for force in (0, 60):  # [N], to the left
         simulator.reset(np.arange(3), plain)
         disturbance = robot_model.Disturbance.none(plan)
         disturbance.push[1, 5:10, 1] = force
         moved.append(simulator.run(np.arange(3), plan, disturbance).torso[:, -1, 1])
     simulator.close()
     close(moved[0], np.zeros(3), "nobody moves", atol=0.004)
-    assert moved[1][1] > 0.005 and abs(moved[1][0] - moved[0][0]) < 1e-9, "one of three is pushed"
+    close(moved[1], [moved[0][0], 0.0385, moved[0][2]], "one is pushed, as far as in MuJoCo", 0.004)
 
 
 @pytest.mark.slow
