@@ -775,9 +775,8 @@ def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, mo
 
 def flags(**changes):
     """Parsed arguments, as `evaluate_all` needs them."""
-    return argparse.Namespace(
-        **{"sim": "pymunk", "noise": True, "friction": None, "push": 0.0, **changes}
-    )
+    usual = {"sim": "pymunk", "noise": True, "friction": None, "push": 0.0, "robot": None}
+    return argparse.Namespace(**usual | changes)
 
 
 @pytest.fixture
@@ -868,6 +867,25 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
     lines = Path("out/trials.csv").read_text("utf-8").splitlines()[1:]
     assert len(lines) == 24
     assert {(line.split(",")[3], line.split(",")[8]) for line in lines} == {("6", "0.4")}
+
+
+OTHER_ROBOT = """
+from importlib import import_module
+
+ROBOT = import_module("01_robot_model").RobotModel(thigh_length=0.168)
+WALK = import_module("02_walk_engine").TUNED["pymunk"]
+LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
+"""
+
+
+def test_another_robot_walks_by_the_numbers_of_its_file(short_trials, capsys):
+    Path("mine.py").write_text(OTHER_ROBOT, "utf-8")
+    assert call("--robot", "mine.py", "--episodes", 1)["robot"] == "mine.py"
+    assert "another robot: thigh_length 0.169, here 0.168" in capsys.readouterr().out
+    args = flags(robot=Path("mine.py"), friction=0.5)
+    with closing(evaluate.make_world(args, 1)) as world:
+        assert world.engine.robot == replace(ROBOT, thigh_length=0.168, friction=0.5)
+        assert world.limits.high == (0.1, 0.1, 0.1) and world.spread.friction == 0
 
 
 @pytest.mark.slow
