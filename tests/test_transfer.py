@@ -6,7 +6,6 @@ from argparse import Namespace
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 import bullet
 import common
@@ -14,11 +13,12 @@ import mujoco
 import numpy as np
 import pytest
 import transfer
+import walk
 from checks import close
 
 robot_model, walk_engine, env = common.robot_model, common.walk_engine, common.env
 evaluate = common.evaluate
-OP3 = Path(__file__).parent / "exercises" / "starters" / "op3.py"
+ROOT, OP3 = common.ROOT, common.ROOT / "tests" / "exercises" / "starters" / "op3.py"
 ROBOT = replace(robot_model.RobotModel(), hip_x=0.02)
 PLACES = (  # of a joint, seen from the one above; the left hip's y is ROBOT.hip_y
     *((0, 0, 0), (0, 0, ROBOT.hip_z), (ROBOT.hip_x, 0, 0)),
@@ -71,7 +71,7 @@ def small_urdf(path):
 
 @pytest.fixture(scope="module")
 def urdf(tmp_path_factory):
-    return small_urdf(tmp_path_factory.mktemp("urdf") / "robot.urdf")
+    return transfer.readable(small_urdf(tmp_path_factory.mktemp("urdf") / "robot.urdf"))
 
 
 @pytest.mark.parametrize("mend", [True, False])
@@ -125,7 +125,7 @@ def test_a_file_of_another_robot_is_one_line(tmp_path, text, reason):
     if text:
         path.write_text(text)
     with pytest.raises(robot_model.InputError, match=f"robot.urdf: {reason}") as stopped:
-        transfer.team_model(path, ROBOT)
+        common.main("transfer", ["--mujoco", "--urdf", str(path), "--out", str(tmp_path)])
     assert len(str(stopped.value).splitlines()) == 1
 
 
@@ -182,22 +182,50 @@ def test_the_robot_of_a_file_walks(tmp_path):
         assert not result["fall"].any()
 
 
+def test_the_search_for_a_walk_takes_another_robot(monkeypatch):
+    own, seen = evaluate.names_in(OP3), []
+
+    def measure(sim, parameters, seed, **world):
+        seen.append((parameters, world))
+        rates = [dict.fromkeys(walk.DIRECTIONS, 1.0)]
+        feet = {"clearance": [0.0, 0.0], "slip": 0.0}
+        return {"speeds": rates, "tracking": rates, "stood": 1.0, "steps": 1.0, **feet}
+
+    monkeypatch.setattr(walk, "measure", measure)
+    walk.tune("mujoco", 0, (2, 9, 3), **own)
+    low, high = 0.65 * np.array(walk.SEARCH["trunk_height"])
+    for parameters, world in seen:
+        assert world == {"robot": own["robot"], "limits": own["limits"]}
+        assert low <= parameters.trunk_height <= high, "ranges are as long as its legs"
+    assert seen[0][0] == own["walk"], "it begins at the walk of the file"
+
+
+@pytest.mark.parametrize("flags, reason", [
+    (["--robot", str(OP3)], "--robot goes with --tune"),
+    (["--tune", "--robot", str(ROOT / "LICENSE")], "LICENSE: no such .py file"),
+    (["--tune", "--robot", str(ROOT / "tests" / "checks.py")], "checks.py: defines no LIMITS"),
+], ids=str)  # fmt: skip
+def test_a_robot_that_cannot_be_used_is_one_line(flags, reason, tmp_path):
+    with pytest.raises(robot_model.InputError, match=reason):
+        walk.main(["--mujoco", "--out", str(tmp_path), *flags])
+
+
 # ------------------------------------------------------------------------ PyBullet
 @pytest.mark.slow
 def test_another_engine_walks_the_same_walks():
     """Four walks of stage 2: in PyBullet they end where they end in MuJoCo, nearly."""
     pytest.importorskip("pybullet", reason=f"PyBullet is not installed: {bullet.PIP}")
     plans = [[double_step] * 8 for double_step in walk_engine.WALKS.values()]
-    walk, body = walk_engine.TUNED["mujoco"], robot_model.Body.as_model(ROBOT, 4)
+    tuned, body = walk_engine.TUNED["mujoco"], robot_model.Body.as_model(ROBOT, 4)
     heights = []
 
     def watch(engine, motion):
         heights.append(motion.torso[:, 0, 2])
 
-    run = partial(walk_engine.walk_plans, "mujoco", walk, plans, simulate=bullet.BulletSim)
+    run = partial(walk_engine.walk_plans, "mujoco", tuned, plans, simulate=bullet.BulletSim)
     poses, _, fall = run(body, watch=watch)
     assert (fall == 8).all(), "nobody falls"
-    close(heights[0], walk.trunk_height, "they stand on the floor, and do not fall onto it", 0.003)
+    close(heights[0], tuned.trunk_height, "they stand on the floor, and do not fall onto it", 0.003)
     ours, _, _ = run(body, simulate=robot_model.make_sim)
     error = np.abs(poses[:, -1] - ours[:, -1])
     assert (error < [0.15, 0.15, 0.35]).all(), error

@@ -5,7 +5,7 @@
 MuJoCo's model of a robot holds all of its numbers: masses, places, motors, a Body. `BulletSim` hands
 them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So of MujocoSim's
 methods only `place` and `advance` are new. The servo is that of stage 1, computed anew every 2 ms and
-given as a torque; PyBullet's own position motor follows another law. Traps, each cost an afternoon:
+given as a torque; PyBullet's own position motor follows another law. Traps:
 - PyBullet has no `armature`. The inertia of a rotor is added to the link below its joint, about the
   axis of the joint. (With the light link alone, 2 ms would be too long for this stiffness.)
 - A link has one joint. So where two axes meet, in hip and ankle, a link of 1 g stands between them.

@@ -27,10 +27,6 @@ from bullet import BulletSim
 from common import env, evaluate, pick, robot_model, walk_engine
 
 DURATION = "20 minutes on two cores; --bullet and --urdf: 15 minutes more each"
-FLAGS = {
-    **{"walks": {"type": int, "default": 400}, "bullet": {"action": "store_true"}},
-    **{"urdf": {"type": Path}, "before": {"type": Path}},
-}
 RATIO = "time_ratio", "time_ratio_ci95"  # of `evaluate.time_ratio`
 OWN = "our model"
 SEED = 160  # of the evaluation; no other study uses it
@@ -75,12 +71,12 @@ def readable(path):
     return ET.tostring(root, encoding="unicode")
 
 
-def team_model(path, robot, mend=True):
+def team_model(urdf, robot, mend=True):
     """Their bodies with our angles, motors and floor, and their names as `MujocoSim` wants them: the
-    torso, then the links above which the twelve joints are."""
+    torso, then the links below the twelve joints. urdf: of `readable`."""
     import mujoco
 
-    spec = mujoco.MjSpec.from_string(readable(path))
+    spec = mujoco.MjSpec.from_string(urdf)
     spec.compiler.balanceinertia = True  # inertias of some links are rounded to what cannot be
     torso = spec.worldbody.first_body()
     torso.add_freejoint()
@@ -116,8 +112,8 @@ def team_model(path, robot, mend=True):
 class TeamSim(robot_model.MujocoSim):
     """N robots of the team. Hip and foot are two bodies each, which share a factor of Body.mass."""
 
-    def __init__(self, path, mend, sim, num_robots, standing, robot, cores):
-        super().__init__(num_robots, standing, robot, cores, *team_model(path, robot, mend))
+    def __init__(self, urdf, mend, sim, num_robots, standing, robot, cores):
+        super().__init__(num_robots, standing, robot, cores, *team_model(urdf, robot, mend))
 
     def place(self, robots, body):
         super().place(robots, body and replace(body, mass=body.mass[:, MASS]))
@@ -213,6 +209,10 @@ def study_before(args):
     return measure(args, cases, {"policy": common.policy(args.before, args.sim)})
 
 
+FLAGS = {
+    **{"walks": {"type": int, "default": 400}, "bullet": {"action": "store_true"}},
+    **{"urdf": {"type": readable}, "before": {"type": Path}},  # a wrong file ends it at once
+}
 PARTS = {"zeros": study_zeros, "bullet": study_bullet, "urdf": study_urdf, "before": study_before}
 SHOWN = PARTS  # the figure has all of them
 COLUMNS = {
