@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from checks import BOTH, close, equal
+from checks import BOTH, close, equal, frozen
 from numpy.random import default_rng
 
 robot_model = import_module("01_robot_model")
@@ -16,8 +16,9 @@ walk_engine = import_module("02_walk_engine")
 ROBOT = robot_model.RobotModel()
 
 
-def make_engine(sim, num_robots=1):
-    return walk_engine.WalkEngine(num_robots, walk_engine.TUNED[sim], ROBOT, sim == "pymunk")
+def make_engine(sim, num_robots=1, **law):
+    parameters = replace(walk_engine.TUNED[sim], **law)
+    return walk_engine.WalkEngine(num_robots, parameters, ROBOT, sim == "pymunk")
 
 
 def random_footsteps(rng, *shape):
@@ -29,7 +30,7 @@ def test_quintic_meets_its_six_boundary_conditions():
     rng = default_rng(0)
     for duration in rng.uniform(0.2, 2.0, 5):
         start, end = rng.normal(size=(2, 5, 4, 3))  # robots, axes
-        start.flags.writeable = end.flags.writeable = False
+        frozen(start, end)
         splines = walk_engine.quintic(start, end, duration)
         assert splines.shape == (5, 4, 6), "start, end [..., 3] in, coefficients [..., 6] out"
         for i, k in product(range(5), range(4)):
@@ -186,8 +187,7 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan.reflex_gain[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
     at, rows = np.tile([0, 1, 2], (3, 1)), np.arange(3)
     rates = np.array([[7, 99], [-99, 0], [1.0, 99]])
-    for values in (at, rows, rates):
-        values.flags.writeable = False
+    frozen(at, rows, rates)
     got = plan.feedback(ROBOT, rows, at, rates)
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
     close(
@@ -232,8 +232,7 @@ def test_capture_step_moves_the_swing_foot_by_the_lean():
     error, over = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     swings = np.array([[row[2] == "left", row[2] == "right"] for row in rows])
     old = np.array([[row[3]] * 2 for row in rows], float)
-    for values in (error, over, swings, old):
-        values.flags.writeable = False
+    frozen(error, over, swings, old)
     got = walk_engine.capture_step(error, over, swings, old, LAW)
     assert np.shape(got) == (len(rows), 2, 3), "robots; left, right foot; y, roll, pitch"
     for hint, row, answer in zip(ANSWERS, rows, got):
@@ -244,7 +243,7 @@ def test_capture_step_moves_the_swing_foot_by_the_lean():
 
 def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support_foot():
     over = np.array([-1.0, 0.0, 0.05, 0.10, 0.16, 0.5])
-    over.flags.writeable = False
+    frozen(over)
     want = [1, 1, 1, 0.6, 0.12, 0]
     got = walk_engine.waiting_pace(over, LAW)
     close(got, want, "1 − wait·(over − late_lean): never above 1, never below 0", atol=1e-12)
@@ -252,24 +251,22 @@ def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support
 
 
 def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law():
-    plain, lawful = make_engine("mujoco"), make_engine("mujoco")
-    lawful.parameters = replace(plain.parameters, capture=1.0, wait=10.0)
+    plain, lawful = make_engine("mujoco"), make_engine("mujoco", capture=1.0, wait=10.0)
     for engine, most in ((plain, 62), (lawful, 102)):
-        one = plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
-        one.begin()
-        assert one.most_ticks == most, "a double step may wait for longest_wait_ticks"
+        plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
+        plan.begin()
+        assert plan.most_ticks == most, "a double step may wait for longest_wait_ticks"
         for tick in range(0, 62, 2):
-            assert not one.ended(tick)[0]
-            planned = one.trunk[:, tick, 3:5]
-            samples, added = one.targets(ROBOT, np.array([0]), tick, planned, np.zeros((1, 2)))
+            assert not plan.ended(tick)[0]
+            planned = plan.trunk[:, tick, 3:5]
+            samples, _ = plan.targets(ROBOT, np.array([0]), tick, planned, np.zeros((1, 2)))
             close(samples[0], plan.joints[0, tick : tick + 3], "as planned")
-        assert one.ended(62)[0]
+        assert plan.ended(62)[0]
 
 
 def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_leans():
     """The right foot stands, the robot leans by 0.14 rad to its side, then to the other one."""
-    engine = make_engine("mujoco", 2)
-    engine.parameters = replace(engine.parameters, capture=1.0, wait=100.0)
+    engine = make_engine("mujoco", 2, capture=1.0, wait=100.0)
     plan, rows = engine.plan(np.zeros((2, 2, 3)), [0, 1]), np.array([0, 1])
     plan.begin()
     lean, ticks = np.array([[0.14, 0.0], [-0.14, 0.0]]), np.zeros(2, int)
@@ -298,8 +295,7 @@ def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_l
 
 
 def test_the_answer_of_a_foot_goes_on_in_the_next_double_step():
-    engine = make_engine("mujoco", 2)
-    engine.parameters = replace(engine.parameters, capture=1.0)
+    engine = make_engine("mujoco", 2, capture=1.0)
     engine.answer[1] = 0.02, 0.05, 0.03
     for robots in ([0, 1], [1]):  # also if the rows of the plan are not all robots
         before, row = engine.answer.copy(), np.array([len(robots) - 1])
