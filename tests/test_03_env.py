@@ -830,7 +830,7 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, ends, want, count
 
 
 @BOTH
-@pytest.mark.parametrize("limit", [TASK.time_limit, 3.0])
+@pytest.mark.parametrize("limit", [TASK.time_limit, 3.1])  # [s] 3.1: five double steps
 def test_no_time_left_truncates_and_does_not_terminate(make, sim, limit):
     envs = make(env.FootstepVectorEnv, 5, sim, task=replace(TASK, time_limit=limit))
     period, usual = envs.world.engine.period, envs.world.engine.period_ticks

@@ -23,7 +23,7 @@ import PIL.Image
 import PIL.ImageSequence
 import pytest
 import torch
-from checks import close, equal
+from checks import close, equal, frozen, locked
 from matplotlib.backend_bases import KeyEvent, MouseEvent
 
 evaluate = import_module("05_evaluate")
@@ -116,7 +116,7 @@ def test_speed_of_many_goals_is_that_of_each():
 def test_the_filter_is_solved_exactly():
     slow, fast = [0.02, 0, 0.1], [0.12, 0.2, 0.1]
     velocity, command = np.array([slow, fast]), np.array([fast, slow])  # one of them brakes
-    velocity.flags.writeable = command.flags.writeable = False
+    frozen(velocity, command)
     found = evaluate.low_pass(velocity, command, 0.6, 1.5)
     left = np.array([0.1, 0.2, 0]) * math.exp(-0.4)
     close(
@@ -129,7 +129,7 @@ def test_the_filter_is_solved_exactly():
 
 def test_velocities_become_mirrored_footsteps():
     velocities = np.array([[0.12, 0, 0], [0, 0.06, 0], [0, -0.06, 0], [0, 0, 0.2]])
-    velocities.flags.writeable = False
+    frozen(velocities)
     expected = [
         [[0.03, 0, 0], [0.03, 0, 0]],
         [[0, 0.03, 0], [0, 0, 0]],
@@ -460,26 +460,27 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
     assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 
 
-def test_recorded_feet_follow_from_measured_torso_and_joints(monkeypatch):
+def test_recorded_feet_follow_from_measured_torso_and_joints():
     """If physics does exactly what was planned, the feet are exactly where they were planned. Every
     double step waits for eight ticks, and physics pads it by two more."""
     world, moved = env.FootstepWorld(1, "mujoco", cores=1, task=SHORT), [0.3, -0.2, 0.5]
+    needed = world.engine.period_ticks + 8
 
     def run(robots, plan, disturbance):
-        torso = np.pad(plan.trunk[:, 1:], ((0, 0), (0, 10), (0, 0)), "edge")
-        joints = np.pad(plan.joints[:, 1:], ((0, 0), (0, 10), (0, 0)), "edge")
+        torso, joints = (
+            np.pad(path[:, 1:], ((0, 0), (0, 10), (0, 0)), "edge")
+            for path in (plan.trunk, plan.joints)
+        )
         place = torso[..., [0, 1, 5]]
         torso[..., [0, 1, 5]] = robot_model.compose(moved + 0 * place, place)
-        ticks = np.array([usual + 8])
+        ticks = np.array([needed])
         return robot_model.Motion(torso, joints, torso[:, 0, 3:], np.zeros(1, bool), ticks)
 
-    usual = world.engine.period_ticks
-
-    monkeypatch.setattr(world.simulator, "run", run)
+    world.simulator.run = run
     (walk,) = evaluate.record(Wild(), world, to([[3.0, 0.0, 0.0]]))
     world.close()
-    ticks = len(walk["feet"]) * (usual + 8)
-    equal(walk["ends"], np.arange(1, len(walk["feet"]) + 1) * (usual + 8), "the padding is cut off")
+    ticks = len(walk["feet"]) * needed
+    equal(walk["ends"], np.arange(needed, ticks + 1, needed), "the padding is cut off")
     assert (walk["torso"].shape, walk["joints"].shape) == ((ticks, 6), (ticks, 12))
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
     close(walk["feet"][-1], planned, "x, y of the ankle's projection, yaw", atol=1e-6)
@@ -701,13 +702,6 @@ def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(sh
     call("--planner", own_planner("tempfile.py", "import beside"), "--episodes", 1)
 
 
-def test_a_policy_of_nan_is_an_error(world):
-    model = ppo.ActorCritic(20, 6)
-    model.decide = lambda observation: np.full((len(observation), 6), math.nan)
-    with pytest.raises(ValueError, match="actions must be finite"):
-        evaluate.evaluate(evaluate.PolicyPlanner(model), world, to([[0, 0, 0]]))
-
-
 @pytest.mark.parametrize("error", ["KeyError", "OSError", "ValueError", "SystemError"])
 def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     path = own_planner("mine.py", f"raise {error}('one of mine')")
@@ -758,17 +752,9 @@ def test_a_planner_s_file_may_have_any_name(short_trials, name):
     plot_footsteps(ROBOT, short_trials, Path("out/footsteps.png"))  # a $ begins no formula
 
 
-def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, monkeypatch, capsys):
-    replace = os.replace
-
-    def locked(source, target):
-        if Path(target).name == "trials.csv":
-            raise PermissionError(13, "Access is denied")
-        replace(source, target)
-
-    monkeypatch.setattr(os, "replace", locked)
-    monkeypatch.setattr(robot_model.time, "sleep", lambda seconds: None)
-    with pytest.raises(robot_model.InputError, match=r"\A.*trials\.csv: Access is denied\Z"):
+def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, capsys):
+    said = r"\A.*trials\.csv: Access is denied\Z"
+    with locked("trials.csv"), pytest.raises(robot_model.InputError, match=said):
         call("--episodes", 1)
     assert Path("out/table.md").read_text("utf-8") in capsys.readouterr().out, "print first"
 
