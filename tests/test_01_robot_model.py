@@ -844,16 +844,6 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(make_sim, tmp_path, capfd,
     assert capfd.readouterr() == ("", "") and not list(tmp_path.iterdir()), "MuJoCo's warnings"
 
 
-def test_planar_yaw_follows_a_gentle_turn_and_slips_in_a_sharp_one(make_sim):
-    sim, trajectory = make_sim("pymunk", 2), still("pymunk", 2, 1.5)
-    seconds = ROBOT.control_dt * np.arange(trajectory.joints.shape[1])
-    trajectory.trunk[0, :, 5] = 0.5 * np.minimum(seconds / 0.5, 1)
-    trajectory.trunk[1, :, 5] = 1.0 * np.minimum(seconds / 0.05, 1)
-    gentle, sharp = sim.run(np.arange(2), trajectory).torso[:, -1, 5]  # at rest again
-    close(gentle, 0.5, f"gentle: {gentle:.2f} of 0.50 rad", rtol=0.1)
-    assert 0.0 < sharp < 0.6, f"sharp: {sharp:.2f} of 1.00 rad, more than friction can: τ ≤ μ·F·r"
-
-
 def test_planar_yaw_turns_as_fast_as_sole_and_motor_can_bear(make_sim):
     sim, body = make_sim("pymunk", 3), bodies(3, friction=0.3, mass=0.1)
     body.friction[2] = 9.0

@@ -46,17 +46,6 @@ def test_quintic_meets_its_six_boundary_conditions():
                 )
 
 
-def test_rest_to_rest_is_the_minimum_jerk_curve():
-    tau = np.linspace(0, 1, 21)
-    c = walk_engine.quintic([0, 0, 0], [2.0, 0, 0], 0.7)
-    want = 2.0 * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
-    close(
-        walk_engine.polynomial(c, 0.7 * tau),
-        want,
-        "from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends",
-    )
-
-
 @BOTH
 def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
     engine, rng, dt = make_engine(sim), default_rng(3), ROBOT.control_dt

@@ -22,9 +22,10 @@ from checks import close, equal, locked
 from numpy.random import default_rng
 
 ppo = import_module("04_ppo")
-env, robot_model = ppo.env, ppo.robot_model
+env, InputError = ppo.env, ppo.robot_model.InputError
+ActorCritic, PPOConfig, train = ppo.ActorCritic, ppo.PPOConfig, ppo.train
 
-SMALL = ppo.PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
+SMALL = PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
 EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
 COLUMNS = (
     "steps",
@@ -144,7 +145,7 @@ def test_clipped_objective_truth_table():
 
 def model_with(alpha, beta):
     """A model in double precision whose policy is Beta(α, β), two arrays [k], whatever it sees."""
-    model = ppo.ActorCritic(1, len(alpha)).double()
+    model = ActorCritic(1, len(alpha)).double()
     wanted = torch.tensor([*alpha, *beta], dtype=torch.float64) - 1.0
     torch.nn.init.zeros_(model.actor[-1].weight)
     model.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
@@ -209,7 +210,7 @@ def test_first_policy_is_around_first_action():
     torch.manual_seed(0)
     for first in 0.3, [0.05, 0.5, 0.95]:  # one number for all of an action, or a number each
         for concentration in (10.0, 3.0, 50.0):
-            model = ppo.ActorCritic(4, 3, first_action=first, concentration=concentration)
+            model = ActorCritic(4, 3, first_action=first, concentration=concentration)
             with torch.no_grad():
                 pi = model.policy(torch.tensor(obs))
             # Var = m·(1 − m) / (α + β + 1) at the mean m
@@ -224,7 +225,7 @@ def test_first_policy_is_around_first_action():
                     f"weights small (for first_action = {first})"
                 )
                 close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
-    corner = ppo.ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
+    corner = ActorCritic(4, 3, first_action=[0.0, 1.0, 0.5])
     assert torch.isfinite(corner.actor[-1].bias).all(), (
         "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
     )
@@ -250,7 +251,7 @@ def test_layers_begin_with_orthogonal_rows_or_columns():
 
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
-    model, obs = ppo.ActorCritic(2, 1), torch.zeros(1000, 2)
+    model, obs = ActorCritic(2, 1), torch.zeros(1000, 2)
     model.sharpness = 4.0
     for raw in ([-1e4, -1e4], [1e6, -1e4], [-1e4, 1e6], [1e6, 1e6], [3e38, -1e4], [3e38, 3e38]):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
@@ -313,7 +314,7 @@ def learn(first, play, folder, updates=15, cfg=SMALL, improve=None):
     steps = round(updates * cfg.num_envs * cfg.rollout)
     envs = partial(Probe, first=first, play=play)
     # ppo.improve of now: it may be an exercise
-    return ppo.train(cfg, envs, folder, steps, improve=improve or ppo.improve)
+    return train(cfg, envs, folder, steps, improve=improve or ppo.improve)
 
 
 def value(model, obs):
@@ -378,7 +379,7 @@ def nan_afterwards(obs, action):
 ], ids=["reward", "observation", "learning rate"])  # fmt: skip
 def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reason):
     said = rf"\Aupdate \d+: the loss is not finite \({re.escape(reason)}\)\Z"
-    with pytest.raises(robot_model.InputError, match=said):
+    with pytest.raises(InputError, match=said):
         learn(zero, play, tmp_path, updates=4, cfg=cfg)
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
 
@@ -431,7 +432,7 @@ def test_collected_observations_are_followed_by_what_really_followed():
     torch.manual_seed(0)
     envs = Probe(3, first, play)
     begin = envs.reset(seed=0)[0].copy()
-    data, last, infos = ppo.collect(ppo.ActorCritic(1, 1), envs, envs.obs, 10)
+    data, last, infos = ppo.collect(ActorCritic(1, 1), envs, envs.obs, 10)
     assert len(infos) == 10
     assert data["terminated"].sum(0).tolist() == [3, 0, 0], "a fall each three steps"
     assert data["truncated"].sum(0).tolist() == [0, 3, 3], "a cut-off each three steps"
@@ -483,11 +484,11 @@ def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
 
 def fresh_model():
     torch.manual_seed(0)
-    return ppo.ActorCritic(3, 2)
+    return ActorCritic(3, 2)
 
 
 def test_numbers_to_watch_are_those_at_the_end_of_the_update():
-    cfg = ppo.PPOConfig(minibatch=32, epochs=4, gamma=0.9, reward_scale=0.7)
+    cfg = PPOConfig(minibatch=32, epochs=4, gamma=0.9, reward_scale=0.7)
     model = fresh_model()
     old, data = copy.deepcopy(model), rollout(model)
     optimizer = torch.optim.Adam(model.parameters(), lr=3e-3)
@@ -531,7 +532,7 @@ def test_gradients_are_limited_to_the_maximal_length():
             lengths.append(math.sqrt(sum((g**2).sum().item() for g in grads)))
             super().step()
 
-    cfg = ppo.PPOConfig(minibatch=36, epochs=3, max_grad_norm=0.01)
+    cfg = PPOConfig(minibatch=36, epochs=3, max_grad_norm=0.01)
     model = fresh_model()
     ppo.improve(model, Spy(model.parameters(), lr=1e-3), rollout(model, scale=1000), cfg)
     assert len(lengths) == 3 * 4, (
@@ -555,7 +556,7 @@ def test_gradients_are_limited_to_the_maximal_length():
 
 
 def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
-    cfg = ppo.PPOConfig(minibatch=128, epochs=60, clip=0.1, value_coef=0.0, max_grad_norm=1e9)
+    cfg = PPOConfig(minibatch=128, epochs=60, clip=0.1, value_coef=0.0, max_grad_norm=1e9)
     model = fresh_model()
     watched = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), rollout(model), cfg)
     assert 0.001 < watched["approx_kl"] < 0.05, (
@@ -566,7 +567,7 @@ def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
 
 
 def test_the_critic_s_weight_is_value_coef():
-    cfg = ppo.PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9)  # one gradient step
+    cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9)  # one gradient step
     for value_coef in (0.0, 0.5, 2.0):
         model = fresh_model()
         start, data = copy.deepcopy(model), rollout(model)
@@ -587,7 +588,7 @@ def test_the_critic_s_weight_is_value_coef():
 
 
 def test_advantages_are_normalised():
-    cfg = ppo.PPOConfig(minibatch=64, epochs=3, value_coef=0.0, max_grad_norm=1e9)
+    cfg = PPOConfig(minibatch=64, epochs=3, value_coef=0.0, max_grad_norm=1e9)
 
     def updated(scale, shift):
         model = fresh_model()
@@ -616,7 +617,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
 
     cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0, sharpest=1.0)
     for world, first in ((Neutral, 0.3), (Probe, 0.5)):  # the neutral action, or else the middle
-        model, _ = ppo.train(cfg, partial(world, first=zero, play=constant), tmp_path, 1)
+        model, _ = train(cfg, partial(world, first=zero, play=constant), tmp_path, 1)
         with torch.no_grad():
             pi = model.policy(torch.zeros(1, 1))
         close(pi.mode, [[first]], atol=0.01)
@@ -628,7 +629,7 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
     cfg = replace(SMALL, epochs=1, minibatch=128, sharpest=6.0)  # a gradient step in an update
     rates, collecting, learning = [], [], []
 
-    class Mine(ppo.ActorCritic):
+    class Mine(ActorCritic):
         def sample(self, obs):
             collecting.append(self.sharpness)
             return super().sample(obs)
@@ -644,7 +645,7 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
 
     monkeypatch.setattr(torch.optim, "Adam", Spy)
     envs = partial(Probe, first=zero, play=constant)
-    _, rows = ppo.train(cfg, envs, tmp_path, 4 * 128 + 1, make_model=Mine)
+    _, rows = train(cfg, envs, tmp_path, 4 * 128 + 1, make_model=Mine)
     steps = [row["steps"] for row in rows]
     assert steps == [128, 256, 384, 512, 640], "rounded up to a whole update"
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
@@ -654,7 +655,7 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path, monke
     assert (np.diff(learning) >= 0).all() and set(learning) == {1, 2, 3, 4, 5}, "learning alike"
 
 
-QUICK = ppo.PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
+QUICK = PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
 
 
 def contents(folder):
@@ -684,19 +685,19 @@ def stopped(folder, update, cfg=QUICK, seed=3, **more):
     calls = [*[mock.DEFAULT] * (update - 1), KeyboardInterrupt]
     improve = mock.Mock(wraps=ppo.improve, side_effect=calls)
     with pytest.raises(KeyboardInterrupt):
-        ppo.train(cfg, wandering, folder, 7 * 64, seed, improve=improve, **more)
+        train(cfg, wandering, folder, 7 * 64, seed, improve=improve, **more)
 
 
 def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     (tmp_path / "whole").mkdir()
-    _, want = ppo.train(QUICK, wandering, tmp_path / "whole", 7 * 64, 3)
+    _, want = train(QUICK, wandering, tmp_path / "whole", 7 * 64, 3)
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
         stopped(tmp_path, update, resume=done > 3)
         assert not (tmp_path / "policy.pt").exists(), "it is written at the end"
         stored = ppo.load_plain(tmp_path / "checkpoint.pt", "optimizer")
         steps = stored["optimizer"]["state"][0]["step"]
         assert steps == done * QUICK.epochs * 2, "gradient steps: Adam's state is stored, too"
-    model, rows = ppo.train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True)
+    model, rows = train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True)
     for row, other in zip(rows, want, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
         assert (row["steps"], row["learning_rate"]) == (other["steps"], other["learning_rate"])
@@ -709,7 +710,7 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
 
 def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     names = "policy.start.pt", "policy.tenth.pt", "policy.pt"
-    last, _ = ppo.train(QUICK, wandering, tmp_path, 20 * 64, fits=FITS, noise=False)
+    last, _ = train(QUICK, wandering, tmp_path, 20 * 64, fits=FITS, noise=False)
     before = contents(tmp_path)
     start, tenth, end = (ppo.load_policy(tmp_path / name) for name in names)
     k = 1 + (QUICK.sharpest - 1) / 10
@@ -721,7 +722,7 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     stopped(tmp_path, 5, fits=FITS)
     kept = contents(tmp_path)
     assert kept.items() >= before.items(), "a stopped training changes none of them"
-    ppo.train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
+    train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
     assert {ppo.load_policy(tmp_path / name)[1]["seed"] for name in names} == {3}
     assert contents(tmp_path)["checkpoint.previous.pt"] == kept["checkpoint.pt"], "nothing is lost"
 
@@ -737,7 +738,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path):
     counted = {"hidden": (counts[8],), "epochs": counts[1], "minibatch": counts[4]}
     cfg = replace(QUICK, **numbers, **counted)
     stopped(tmp_path, 2, cfg, counts[3], **about)
-    ppo.train(cfg, wandering, tmp_path, 7 * 64, counts[3], True, **about)
+    train(cfg, wandering, tmp_path, 7 * 64, counts[3], True, **about)
     for name in "policy.start.pt", "policy.tenth.pt", "policy.pt":
         _, found = ppo.load_policy(tmp_path / name)
         assert found["seed"] == 3 and found["push"] == [*rates] and found["noise"] is True
@@ -747,7 +748,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path):
 
 def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(tmp_path, capsys):
     with locked("checkpoint.pt"):
-        ppo.train(QUICK, wandering, tmp_path, 4 * 64, fits=FITS)
+        train(QUICK, wandering, tmp_path, 4 * 64, fits=FITS)
     said = capsys.readouterr().out
     assert said.count("checkpoint.pt: Access is denied; the training goes on") == 1, (
         "once is enough"
@@ -759,8 +760,8 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(tmp_path, c
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path, name):
     stopped(tmp_path, 2, fits=FITS)
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
-    with locked(name), pytest.raises(robot_model.InputError, match=said):
-        ppo.train(QUICK, wandering, tmp_path, 2 * 64, 3, fits=FITS)
+    with locked(name), pytest.raises(InputError, match=said):
+        train(QUICK, wandering, tmp_path, 2 * 64, 3, fits=FITS)
     assert not list(tmp_path.glob("*.tmp*")), "no half of a file is left"
 
 
@@ -777,7 +778,7 @@ def test_a_student_s_own_pytorch_stays_as_it_is(tmp_path):
     torch.set_num_threads(3)
     try:
         envs = partial(Watching, first=zero, play=constant)
-        model, _ = ppo.train(replace(SMALL, epochs=1), envs, tmp_path, 1)
+        model, _ = train(replace(SMALL, epochs=1), envs, tmp_path, 1)
         model.decide([[0.0]])
         assert torch.get_num_threads() == 3 and set(seen) == {1}, "one thread while it computes"
     finally:
@@ -799,7 +800,7 @@ def test_a_seed_is_a_training(tmp_path):
 
     def run(seed, **changes):
         envs = partial(wandering, kind=Listening)
-        return ppo.train(replace(QUICK, **changes), envs, tmp_path, 3 * 64, seed)[0]
+        return train(replace(QUICK, **changes), envs, tmp_path, 3 * 64, seed)[0]
 
     assert same(run(0), run(0)), "the same seed gives the same policy"
     assert not same(*(run(seed, learning_rate=0.0) for seed in (0, 1))), "other first weights"
@@ -811,8 +812,8 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
     monkeypatch.setattr(Probe, "close_extras", closed)
 
     def refused(said, cfg=QUICK, seed=3, total_steps=7 * 64, **about):
-        with pytest.raises(robot_model.InputError, match=rf"\A.*{said}.*\Z"):
-            ppo.train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
+        with pytest.raises(InputError, match=rf"\A.*{said}.*\Z"):
+            train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
 
     refused("checkpoint.pt: No such file")
     stopped(tmp_path, 3, fits=FITS)
@@ -823,7 +824,7 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
         "fits: simulator": {"fits": {"simulator": "mujoco"}},
     }.items():
         refused(f"cannot resume: {name} .*, here ", **{"fits": FITS, **changes})
-    ppo.save_plain(tmp_path / "checkpoint.pt", ppo.policy_file(ppo.ActorCritic(1, 1), META))
+    ppo.save_plain(tmp_path / "checkpoint.pt", ppo.policy_file(ActorCritic(1, 1), META))
     refused(r"checkpoint\.pt: damaged, or not written")
     assert closed.call_count == 7, "the processes of a simulator would stay"
 
@@ -831,7 +832,7 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
 def test_a_policy_says_what_it_was_trained_in(tmp_path):
     make_envs = partial(env.FootstepVectorEnv, imu=True, cores=1, task=env.Task(s_c=0.2))
     cfg = replace(QUICK, num_envs=1, rollout=2, minibatch=2)
-    ppo.train(cfg, make_envs, tmp_path, 1)
+    train(cfg, make_envs, tmp_path, 1)
     fits = ppo.load_policy(tmp_path / "policy.pt")[1]["fits"]
     assert fits["simulator"] == "pymunk" and len(fits["observation"]) == 25
     assert fits["walk"]["reflex"] == env.walk_engine.TUNED["pymunk"].reflex
@@ -847,7 +848,7 @@ META = {"fits": FITS, "steps": 10, "minutes": 0.5, "seed": 0}
 
 def untrained():
     """What the file of a policy that has not learned holds."""
-    return ppo.policy_file(ppo.ActorCritic(5, 2), META)
+    return ppo.policy_file(ActorCritic(5, 2), META)
 
 
 @dataclass
@@ -865,9 +866,9 @@ class Foreign:
     lambda path, good: path.write_bytes(good[:-3]),
     lambda path, good: path.write_text("hello"),
     lambda path, good: torch.save({"fits": Foreign(path.with_name("touched"))}, path),
-    lambda path, good: torch.save(ppo.ActorCritic(5, 2), path),
+    lambda path, good: torch.save(ActorCritic(5, 2), path),
     lambda path, good: torch.save([1, 2], path),
-    lambda path, good: torch.save({"fits": {}, **ppo.ActorCritic(5, 2).shape}, path),
+    lambda path, good: torch.save({"fits": {}, **ActorCritic(5, 2).shape}, path),
     lambda path, good: torch.save(untrained() | {"hidden": (8,)}, path),
     lambda path, good: path.write_bytes(good[:9000] + b"weight" + good[9006:]),
 ], ids=["missing", "but for its end", "text", "code", "class", "list", "no weights",
@@ -877,7 +878,7 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
     ppo.save_plain(path, untrained())
     damage(path, path.read_bytes())
     said = r"\A.*bad\.pt: (No such file|damaged, or not|.*networks).*\Z"
-    with pytest.raises(robot_model.InputError, match=said):
+    with pytest.raises(InputError, match=said):
         ppo.load_policy(path)
     assert not (tmp_path / "touched").exists(), "reading a file ran code from inside it"
 
@@ -896,19 +897,20 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch, error, said):
         raise error
 
     monkeypatch.setattr(Path, "write_bytes", fails)
-    with pytest.raises((KeyboardInterrupt, robot_model.InputError), match=said):
+    with pytest.raises((KeyboardInterrupt, InputError), match=said):
         save()
     assert contents(tmp_path) == before, "the old file, and no half of a new one"
 
 
 def told_to_train(arguments, monkeypatch):
     """What `train` is called with by the command line with these arguments, by name."""
-    signature, train = inspect.signature(ppo.train), mock.Mock(side_effect=KeyboardInterrupt)
+    called = mock.Mock(side_effect=KeyboardInterrupt)
     with monkeypatch.context() as patch:
-        patch.setattr(ppo, "train", train)
-        with pytest.raises(robot_model.InputError, match="interrupted; --resume continues"):
+        patch.setattr(ppo, "train", called)
+        with pytest.raises(InputError, match="interrupted; --resume continues"):
             ppo.main(arguments)
-    return signature.bind(*train.call_args.args, **train.call_args.kwargs).arguments
+    given = called.call_args
+    return inspect.signature(train).bind(*given.args, **given.kwargs).arguments
 
 
 @pytest.mark.parametrize("arguments, steps, out, sim, noise, imu", [
@@ -921,7 +923,7 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
     monkeypatch.chdir(tmp_path)
     told = told_to_train([*arguments, "--seed", "5"], monkeypatch)
     assert (told["total_steps"], told["seed"]) == (steps, 5)
-    assert told["cfg"] == ppo.PPOConfig() and told["resume"] == ("--resume" in arguments)
+    assert told["cfg"] == PPOConfig() and told["resume"] == ("--resume" in arguments)
     assert Path(told["out"]) == Path(out) and Path(out).is_dir()
     assert (told["about"]["noise"], told["about"]["imu"]) == (noise, imu)
     with closing(told["make_envs"](1)) as envs:
@@ -963,7 +965,7 @@ def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, space
     """Discrete actions: `test_scripts.wrong_values`."""
     register(monkeypatch, gym.spaces.Box(-1, 1, (3,)), space)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(robot_model.InputError, match=r"Square-v0: .* Box \[n\]: try Pendulum-v1"):
+    with pytest.raises(InputError, match=r"Square-v0: .* Box \[n\]: try Pendulum-v1"):
         ppo.main(["--env", "Square-v0", "--steps", "1"])
 
 
@@ -975,14 +977,14 @@ def test_a_task_whose_module_is_missing_is_one_line(tmp_path, monkeypatch, name)
     spec = gym.envs.registration.EnvSpec("Needs-v0", entry_point=needs)
     monkeypatch.setitem(gym.registry, "Needs-v0", spec)
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(robot_model.InputError, match=rf"\A{name}: .*(no_such_module|imageio).*\Z"):
+    with pytest.raises(InputError, match=rf"\A{name}: .*(no_such_module|imageio).*\Z"):
         ppo.main(["--env", name, "--steps", "1"])
 
 
 @pytest.mark.slow
 def test_a_short_training_improves_the_pendulum(tmp_path):
     pendulum = partial(ppo.gym_envs, "Pendulum-v1")
-    _, rows = ppo.train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
+    _, rows = train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
     returns = np.array([row["return"] for row in rows])
     first, last = returns[1], np.nanmean(returns[-10:])
     assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from checks import BOTH, locked
 from sheet import ROOT
+from test_workbook import run
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
@@ -100,7 +101,8 @@ assert plt.get_fignums() == [1]
 
 
 def test_a_stage_leaves_the_figures_of_a_notebook_alone():
-    subprocess.run([sys.executable, "-c", NOTEBOOK], cwd=ROOT, check=True)
+    done = run("-c", NOTEBOOK)
+    assert done.returncode == 0, done.stderr
 
 
 UNGUARDED = """
@@ -130,7 +132,6 @@ def test_a_script_needs_no_main_guard(tmp_path, place):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_world_in_a_forked_process_says_so_and_does_not_hang():
     code = """
 import multiprocessing
@@ -146,10 +147,9 @@ child.start()
 child.join(30)
 assert child.exitcode == 0, "it hangs"
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
-    )
-    assert done.stdout == "this world was made in another process: make one in this process\n"
+    done = run("-c", code)
+    said = "this world was made in another process: make one in this process\n"
+    assert (done.returncode, done.stdout) == (0, said), done.stderr
 
 
 def test_who_stops_reading_gets_no_traceback():
