@@ -320,9 +320,9 @@ def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
             points, got = robot_model.leg_points(ROBOT, joints)
             want = position / np.linalg.norm(position) * reach
             said = f"{position}: {hint} that points at the wish is the nearest pose"
-            close(points[2], want, said, atol=1e-6)
-            close(got, foot, "the foot is turned as commanded", atol=1e-6)
-            close(joints[3], knee, atol=1e-6)
+            close(points[2], want, said)
+            close(got, foot, "the foot is turned as commanded")
+            close(joints[3], knee)
 
 
 def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
@@ -347,7 +347,7 @@ def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():
     free = ((joints > ROBOT.joint_min) & (joints < ROBOT.joint_max)).all(1)
     free &= np.linalg.norm(position, axis=1) < ROBOT.thigh_length + ROBOT.shin_length
     _, got = robot_model.leg_points(ROBOT, joints[free])
-    close(got, foot[free], "clipped nowhere, but the foot is turned otherwise", atol=1e-6)
+    close(got, foot[free], "clipped nowhere, but the foot is turned otherwise")
 
 
 MUJOCO_LINKS = [
@@ -360,7 +360,7 @@ def test_every_link_of_mujoco_has_the_mass_the_centre_and_the_inertia_of_the_tab
     for name, link in zip(MUJOCO_LINKS, LINKS):
         body, side = nominal().body(name), -1 if name.startswith("right") else 1
         close(body.mass, link.mass, f"{name}: plus that of a geom?")
-        close(body.inertia, link.inertia, f"{name}: of x, y, z")
+        close(body.inertia, link.inertia, f"{name}: of x, y, z", atol=1e-9)
         close(
             body.ipos,
             np.multiply(link.com, [1, side, 1]),
@@ -426,7 +426,7 @@ def test_motion_tells_where_the_bodies_are(make_sim, name, what):
     hint = "the torso frame is below the centre of its body; a pitch is minus an angle"
     close(points[:, [0, 2]], want, hint, atol=2e-3)
     pitch = np.arctan2(-turn[:, 2, 0], turn[:, 0, 0])  # of both feet
-    close(pitch, [-pivots[k].b.angle for k in (2, 5)], "the ankle's pitch?", atol=1e-6)
+    close(pitch, [-pivots[k].b.angle for k in (2, 5)], "the ankle's pitch?")
     lacking = np.delete(np.arange(12), robot_model.SAGITTAL)
     equal(motion.joints[..., lacking], trajectory.joints[:, 1:, lacking], "reported as commanded")
 
@@ -657,7 +657,7 @@ def test_mujoco_motors_keep_torque_and_speed_limits(make_sim):
         data.qvel[6:] = share * np.tile(ROBOT.speed_limit, 2)
         mujoco.mj_forward(sim.model, data)
         torque = data.qfrc_actuator[6:] + data.qfrc_passive[6:]
-        close(torque, (1 - share) * limit, "a line to zero at its speed limit", atol=1e-6)
+        close(torque, (1 - share) * limit, "a line to zero at its speed limit")
 
 
 @BOTH
@@ -699,6 +699,7 @@ def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own(make_sim):
             model.body_inertia[links],
             factor[:, None] * like.body_inertia[links],
             "the same shape, and so many times as heavy",
+            atol=1e-9,
         )
         close(
             model.body("torso").subtreemass,
@@ -728,7 +729,7 @@ def test_planar_robots_get_what_they_drew(make_sim):
         for k, (link, got, factor) in enumerate(zip(links, sim.spaces[i].bodies, factors)):
             close(got.mass, factor * link.mass, f"body {k}")
             rotor = ROBOT.armature if k else 0.0
-            close(got.moment, factor * link.inertia[1] + rotor, f"body {k}")
+            close(got.moment, factor * link.inertia[1] + rotor, f"body {k}", atol=1e-9)
     plan = still("pymunk", 3, ROBOT.control_dt)
     plan.joints += 0.01
     sim.run(np.arange(3), plan)
@@ -747,7 +748,7 @@ def test_static_friction_is_taken_from_a_planar_motors_largest_torque(make_sim):
         most = np.maximum(most, planar_torque(sim))
     left = (np.tile(ROBOT.torque_limit, 2) - body.stiction)[:, robot_model.SAGITTAL]
     assert (most <= left + 1e-6).all(), f"{most.round(2)} N m, at most {left.round(2)}"
-    close(most, left, "all the rest is there to be used", atol=1e-6)
+    close(most, left, "all the rest is there to be used")
 
 
 @BOTH

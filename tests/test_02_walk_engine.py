@@ -42,7 +42,6 @@ def test_quintic_meets_its_six_boundary_conditions():
                     want[i, k],
                     f"{where}: position, velocity, acceleration; c₀ comes first; is c₂ = a₀/2? the "
                     "powers of T?",
-                    atol=1e-6,
                 )
 
 
@@ -66,11 +65,10 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
                 last[order],
                 f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
                 "steps: the next spline starts with the state in which this one ended",
-                atol=1e-6,
             )
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
     standing = np.polynomial.polynomial.polyfit(dt * np.arange(10), plans[0].trunk[0, :10], 5)
-    close(standing[1:3], 0, "a walk begins at rest: velocity or c₂ jumps there", atol=1e-6)
+    close(standing[1:3], 0, "a walk begins at rest: velocity or c₂ jumps there")
     jump = max(np.abs(np.diff(trajectory.joints, axis=1)).max() for trajectory in plans)
     assert jump < 0.2, f"a joint's target jumps by {jump:.2f} rad in a tick"
 
@@ -130,8 +128,8 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             near = np.arange(10) if k == 0 else np.arange(-9, 1)
             c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
             velocity = (after - before) / engine.half
-            close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step", atol=1e-6)
-            close(c[1, 3:5], 0, "there the lean turns back", atol=1e-6)
+            close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step")
+            close(c[1, 3:5], 0, "there the lean turns back")
             close(c[2], 0, "it passes unaccelerated", atol=1e-5)
 
 
@@ -158,7 +156,6 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
         want,
         "added = gain·(measured rate − planned rate): x to the roll, y to the pitch of the "
         "ankle whose gain it is; one reading for both ticks; no other joint",
-        atol=1e-7,
     )
     slow = replace(ROBOT, control_dt=0.02)
     got = plan.feedback(slow, one, np.array([[2, 3]]), np.array([[0.6, 0.8]]))
@@ -167,7 +164,6 @@ def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
         [0.05 * (0.6 - 0.05), 0.05 * (0.8 + 0.1)],
         "measured rate − planned rate, which is the change of the lean / time: a single tick here, "
         "of a robot with another control_dt",
-        atol=1e-7,
     )
 
 
@@ -183,7 +179,6 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
         got[..., [5, 4, 11, 10]],
         np.tile(want[:, None], (2, 2)),
         "what is ADDED is limited, to either side; not the rate",
-        atol=1e-7,
     )
 
 
@@ -326,7 +321,6 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
             feet[0][..., [0, 1, 3]],
             np.tile(stands, (feet.shape[1], 1, 1)),
             "zeros: each foot lands where it was",
-            atol=1e-6,
         )
         rise = feet[0, ..., 2]  # [T + 1, 2]
         close(rise.max(0), p.foot_rise, "half way it is as high as foot_rise", rtol=0.1)

@@ -58,7 +58,6 @@ def test_speed_limit_on_each_axis():
                 f"forward {ahead}, backward {back}, sideways {aside} m/s, v_x ahead, v_y to the left: "
                 "is backward taken for forward? Every limit comes from `settings`, not from the "
                 f"default (for a goal at ({x}, {y}))",
-                atol=1e-6,
             )
 
 
@@ -73,14 +72,14 @@ def test_speed_far_away_is_on_the_edge_of_the_diamond():
             "the limit is round (an ellipse); between the axes it is a straight line",
         )
         turned_by = env.wrap(math.atan2(v_y, v_x) - beta)
-        close(turned_by, 0, "limiting must not change the direction", atol=1e-6)
+        close(turned_by, 0, "limiting must not change the direction")
 
 
 def test_speed_near_the_goal_is_gain_times_distance():
     hint = "v = min(gain·d, v_max): inside the limits the gain decides (for a goal at 3.6 cm)"
-    close(command(0.03, -0.02)[:2], (0.03, -0.02), hint, atol=1e-6)
+    close(command(0.03, -0.02)[:2], (0.03, -0.02), hint)
     half = command(0.03, -0.02, settings=replace(B, gain=0.5))
-    close(half[:2], (0.015, -0.01), hint, atol=1e-6)
+    close(half[:2], (0.015, -0.01), hint)
     assert not command(0, 0).any(), "at the goal there is nothing to do"
 
 
@@ -139,8 +138,8 @@ def test_velocities_become_mirrored_footsteps():
     assert np.shape(steps) == (4, 2, 3), "velocities [n, 3] -> footsteps [n, 2, 3]"
     for i, (want, hint) in enumerate(zip(expected, (ahead, aside, aside, turn))):
         alone = evaluate.velocity_to_footsteps(velocities[i : i + 1], period=0.5)[0]
-        close(alone, want, f"{hint} (for {velocities[i]})", atol=1e-6)
-        close(steps[i], alone, "robots must not influence one another", atol=1e-6)
+        close(alone, want, f"{hint} (for {velocities[i]})")
+        close(steps[i], alone, "robots must not influence one another")
 
 
 def test_a_shared_way_is_split_in_proportion_to_the_limits():
@@ -159,7 +158,6 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
         steps,
         [[[0, 0.15, 0.3], [0, -0.04, -0.2]], [[0, -0.02, -0.4], [0, 0.075, 0.6]]],
         "the leading foot takes out / (out + in) outward, the other one the rest inward",
-        atol=1e-6,
     )
 
 
@@ -469,7 +467,7 @@ def test_recorded_feet_follow_from_measured_torso_and_joints():
     equal(walk["ends"], np.arange(needed, ticks + 1, needed), "the padding is cut off")
     assert (walk["torso"].shape, walk["joints"].shape) == ((ticks, 6), (ticks, 12))
     planned = robot_model.compose(np.tile(moved, (1, 2, 1)), world.engine.feet)[0]  # [2, 3]
-    close(walk["feet"][-1], planned, "x, y of the ankle's projection, yaw", atol=1e-6)
+    close(walk["feet"][-1], planned, "x, y of the ankle's projection, yaw")
 
 
 def test_a_policy_sees_the_rows_it_was_trained_with():
