@@ -41,8 +41,9 @@ COLUMNS = (
 
 
 @pytest.fixture(autouse=True)
-def one_thread():
-    """As in a training: small matrices are slower on several."""
+def one_thread(tmp_path, monkeypatch):
+    """As in a training: small matrices are slower on several. In a folder of its own."""
+    monkeypatch.chdir(tmp_path)
     with ppo.one_thread():
         yield
 
@@ -309,20 +310,20 @@ def paid(reward):
 constant = paid(lambda obs, action: np.ones(len(obs)))
 
 
-def learn(first, play, folder, updates=15, cfg=SMALL, improve=None):
-    """The model and its log after so many updates in a probe world."""
+def learn(first, play, updates=15, cfg=SMALL, improve=None):
+    """The model and its log after so many updates in a probe world; files are written here."""
     steps = round(updates * cfg.num_envs * cfg.rollout)
     envs = partial(Probe, first=first, play=play)
     # ppo.improve of now: it may be an exercise
-    return train(cfg, envs, folder, steps, improve=improve or ppo.improve)
+    return train(cfg, envs, Path(), steps, improve=improve or ppo.improve)
 
 
 def value(model, obs):
     return model.value(torch.tensor([[float(obs)]])).item()
 
 
-def test_constant_reward_is_learned_as_the_value(tmp_path):
-    model, _ = learn(zero, constant, tmp_path)
+def test_constant_reward_is_learned_as_the_value():
+    model, _ = learn(zero, constant)
     close(
         value(model, 0),
         1.0,
@@ -331,22 +332,22 @@ def test_constant_reward_is_learned_as_the_value(tmp_path):
     )
 
 
-def test_reward_two_steps_ahead_is_discounted_once(tmp_path):
+def test_reward_two_steps_ahead_is_discounted_once():
     def play(obs, action):  # 0 -> 1 (reward 0), 1 -> end (reward 1)
         end = obs[:, 0] == 1
         return np.ones_like(obs), end.astype(float), end, np.zeros(len(obs), bool)
 
-    model, _ = learn(zero, play, tmp_path)
+    model, _ = learn(zero, play)
     close(value(model, 1), 1.0, atol=0.1)
     close(value(model, 0), 0.5, "V(0) = γ·V(1) with γ = 0.5", atol=0.1)
 
 
-def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_path):
+def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not():
     def play(obs, action):  # from 0: cut off at observation 1; from 1: fall with reward 1
         fall = obs[:, 0] == 1
         return np.ones_like(obs), fall.astype(float), fall, ~fall
 
-    v = value(learn(either, play, tmp_path)[0], 0)
+    v = value(learn(either, play)[0], 0)
     close(
         v,
         0.5,
@@ -355,9 +356,9 @@ def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not(tmp_pa
     )
 
 
-def test_action_goes_to_the_target_of_its_observation(tmp_path):
+def test_action_goes_to_the_target_of_its_observation():
     play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
-    model, _ = learn(either, play, tmp_path)
+    model, _ = learn(either, play)
     best = model.decide([[0.0], [1.0]])[:, 0]
     close(
         best,
@@ -380,7 +381,7 @@ def nan_afterwards(obs, action):
 def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reason):
     said = rf"\Aupdate \d+: the loss is not finite \({re.escape(reason)}\)\Z"
     with pytest.raises(InputError, match=said):
-        learn(zero, play, tmp_path, updates=4, cfg=cfg)
+        learn(zero, play, updates=4, cfg=cfg)
     assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
 
 
@@ -398,7 +399,7 @@ def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reas
 ])  # fmt: skip
 def test_settings_with_which_nothing_can_be_learned_are_refused_at_once(tmp_path, name, wrong):
     with pytest.raises(ValueError, match=name):
-        learn(zero, constant, tmp_path, cfg=replace(SMALL, **{name: wrong}))
+        learn(zero, constant, cfg=replace(SMALL, **{name: wrong}))
     assert not [*tmp_path.iterdir()], "before anything is written"
 
 
@@ -414,7 +415,7 @@ def test_an_algorithm_of_one_s_own_is_an_argument(tmp_path):
         return {"loss": loss.detach().numpy()}
 
     play = paid(lambda obs, action: -16 * (action - 0.7) ** 2)
-    model, rows = learn(zero, play, tmp_path, 40, replace(SMALL, num_envs=128), reinforce)
+    model, rows = learn(zero, play, 40, replace(SMALL, num_envs=128), reinforce)
     close(model.decide([[0.0]]), 0.7, "it has learned", atol=0.1)
     assert set(rows[0]) == {"steps", "minutes", "loss", *EPISODES, "learning_rate"}
     ppo.plot_learning_curve(rows, tmp_path / "curve.png", "a title with $ and $^$ in it")
@@ -446,21 +447,18 @@ def test_collected_observations_are_followed_by_what_really_followed():
 
 
 def test_episode_means_count_ended_episodes_only():
-    def step(ends, returns, lengths, times):
-        """infos of a step of two episodes, which end so; "": it goes on."""
-        shares = {name: np.array([end == name for end in ends]) for name in EPISODES[2:5]}
-        return {
-            "_episode": np.array([bool(end) for end in ends]),
-            "episode": {"r": np.array(returns), "l": np.array(lengths)},
-            "final_info": {**shares, "time": np.array(times)},
-        }
+    def step(*episodes):
+        """infos of a step; of every episode: how it ended ("": it goes on), return, length, time."""
+        ends, returns, lengths, times = map(np.array, zip(*episodes))
+        shares = {name: ends == name for name in EPISODES[2:5]}
+        final, sums = {**shares, "time": times}, {"r": returns, "l": lengths}
+        return {"_episode": ends != "", "episode": sums, "final_info": final}
 
     nothing = ppo.episode_means([{}, {}])
     assert set(nothing) == set(EPISODES) and all(math.isnan(mean) for mean in nothing.values())
-    late = step(["timeout", ""], [1.0, 0.0], [30, 0], [100.0, 0.0])
-    got = ppo.episode_means(
-        [{}, step(["success", "fall"], [3.0, -1.0], [10, 20], [6.0, 99.0]), late]
-    )
+    both = step(("success", 3.0, 10, 6.0), ("fall", -1.0, 20, 99.0))
+    late = step(("timeout", 1.0, 30, 100.0), ("", 0.0, 0, 0.0))
+    got = ppo.episode_means([{}, both, late])
     want = {"return": 1.0, "length": 20.0, "time": 6.0} | dict.fromkeys(EPISODES[2:5], 1 / 3)
     assert got == pytest.approx(want), "of 3, −1 and 1; the time counts where the goal was reached"
     assert math.isnan(ppo.episode_means([late])["time"]), "no success: nan, not 0"
@@ -675,19 +673,19 @@ def wandering(num_envs, kind=Probe):
     return kind(num_envs, first, play)
 
 
-def stopped(folder, update, cfg=QUICK, seed=3, **more):
+def stopped(update, cfg=QUICK, seed=3, **more):
     """A training that is interrupted in this update."""
     calls = [*[mock.DEFAULT] * (update - 1), KeyboardInterrupt]
     improve = mock.Mock(wraps=ppo.improve, side_effect=calls)
     with pytest.raises(KeyboardInterrupt):
-        train(cfg, wandering, folder, 7 * 64, seed, improve=improve, **more)
+        train(cfg, wandering, Path(), 7 * 64, seed, improve=improve, **more)
 
 
 def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
     (tmp_path / "whole").mkdir()
     _, want = train(QUICK, wandering, tmp_path / "whole", 7 * 64, 3)
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
-        stopped(tmp_path, update, resume=done > 3)
+        stopped(update, resume=done > 3)
         assert not (tmp_path / "policy.pt").exists(), "it is written at the end"
         stored = ppo.load_plain(tmp_path / "checkpoint.pt", "optimizer")
         steps = stored["optimizer"]["state"][0]["step"]
@@ -714,7 +712,7 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
         assert about.items() >= {"fits": FITS, "seed": 0, "steps": 20 * 64, "noise": False}.items()
     assert end[1]["minutes"] > 0 and end[1]["config"]["gamma"] == QUICK.gamma
     assert same(end[0], last) and not same(start[0], tenth[0])
-    stopped(tmp_path, 5, fits=FITS)
+    stopped(5, fits=FITS)
     kept = contents(tmp_path)
     assert kept.items() >= before.items(), "a stopped training changes none of them"
     train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
@@ -732,7 +730,7 @@ def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path):
     numbers = {"learning_rate": rates[0], "sharpest": np.float32(4), "gamma": np.float64(0.9)}
     counted = {"hidden": (counts[8],), "epochs": counts[1], "minibatch": counts[4]}
     cfg = replace(QUICK, **numbers, **counted)
-    stopped(tmp_path, 2, cfg, counts[3], **about)
+    stopped(2, cfg, counts[3], **about)
     train(cfg, wandering, tmp_path, 7 * 64, counts[3], True, **about)
     for name in "policy.start.pt", "policy.tenth.pt", "policy.pt":
         _, found = ppo.load_policy(tmp_path / name)
@@ -753,7 +751,7 @@ def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(tmp_path, c
 
 @pytest.mark.parametrize("name", ["policy.pt", "learning_curve.csv", "checkpoint.previous.pt"])
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path, name):
-    stopped(tmp_path, 2, fits=FITS)
+    stopped(2, fits=FITS)
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
     with locked(name), pytest.raises(InputError, match=said):
         train(QUICK, wandering, tmp_path, 2 * 64, 3, fits=FITS)
@@ -761,21 +759,19 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, name):
 
 
 @pytest.mark.slow
-def test_a_student_s_own_pytorch_stays_as_it_is(tmp_path):
+def test_a_student_s_own_pytorch_stays_as_it_is():
     """Importing stage 4, a training and a decision change neither threads nor checks of others."""
     seen, threads = [], torch.get_num_threads()
 
-    class Watching(Probe):
-        def step(self, action):
-            seen.append(torch.get_num_threads())
-            return super().step(action)
+    def watched(*given):
+        seen.append(torch.get_num_threads())
+        return ppo.improve(*given)
 
     torch.set_num_threads(3)
     try:
-        envs = partial(Watching, first=zero, play=constant)
-        model, _ = train(replace(SMALL, epochs=1), envs, tmp_path, 1)
+        model, _ = learn(zero, constant, 1, SMALL, watched)
         model.decide([[0.0]])
-        assert torch.get_num_threads() == 3 and set(seen) == {1}, "one thread while it computes"
+        assert torch.get_num_threads() == 3 and seen == [1], "one thread while it computes"
     finally:
         torch.set_num_threads(threads)
     with pytest.raises(ValueError):
@@ -811,7 +807,7 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
             train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
 
     refused("checkpoint.pt: No such file")
-    stopped(tmp_path, 3, fits=FITS)
+    stopped(3, fits=FITS)
     for name, changes in {
         "seed": {"seed": 1},
         "steps": {"total_steps": 256},
@@ -914,8 +910,7 @@ def told_to_train(arguments, monkeypatch):
     (["--mujoco", "--imu", "--resume"], 250_000, "runs/mujoco/imu", "mujoco", True, True),
     (["--quick", "--steps", "70", "--no-noise", "--out", "mine"], 70, "mine", "pymunk", False, False),
 ], ids=str)  # fmt: skip
-def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, monkeypatch):
     told = told_to_train([*arguments, "--seed", "5"], monkeypatch)
     assert (told["total_steps"], told["seed"]) == (steps, 5)
     assert told["cfg"] == PPOConfig() and told["resume"] == ("--resume" in arguments)
@@ -929,8 +924,7 @@ def test_flags_reach_the_training(arguments, steps, out, sim, noise, imu, tmp_pa
         assert envs.world.limits == env.LIMITS[sim]
 
 
-def test_another_task_has_settings_of_its_own(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_another_task_has_settings_of_its_own(monkeypatch):
     register(monkeypatch, gym.spaces.Box(-9, 9, (2, 1)), gym.spaces.Box(-2, 8, (2,)))
     told = told_to_train(["--env", "Square-v0", "--gamma", "0.95"], monkeypatch)
     assert told["cfg"] == replace(ppo.GYM_CONFIG, gamma=0.95)
@@ -956,22 +950,20 @@ def register(monkeypatch, observations, actions):
     [gym.spaces.Box(-1, 1, (2, 2)), gym.spaces.Box(np.float32([0, 0]), np.float32([1, np.inf]))],
     ids=str,
 )
-def test_a_task_without_a_box_of_actions_is_refused(tmp_path, monkeypatch, space):
+def test_a_task_without_a_box_of_actions_is_refused(monkeypatch, space):
     """Discrete actions: `test_scripts.wrong_values`."""
     register(monkeypatch, gym.spaces.Box(-1, 1, (3,)), space)
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"Square-v0: .* Box \[n\]: try Pendulum-v1"):
         ppo.main(["--env", "Square-v0", "--steps", "1"])
 
 
 @pytest.mark.parametrize("name", ["no_such_module:X-v0", "Needs-v0"])
-def test_a_task_whose_module_is_missing_is_one_line(tmp_path, monkeypatch, name):
+def test_a_task_whose_module_is_missing_is_one_line(monkeypatch, name):
     def needs(**settings):
         raise ModuleNotFoundError("No module named 'imageio'")
 
     spec = gym.envs.registration.EnvSpec("Needs-v0", entry_point=needs)
     monkeypatch.setitem(gym.registry, "Needs-v0", spec)
-    monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=rf"\A{name}: .*(no_such_module|imageio).*\Z"):
         ppo.main(["--env", name, "--steps", "1"])
 
