@@ -49,27 +49,16 @@ def command(x, y, yaw=0.0, settings=B):
     return evaluate.velocity_command(np.broadcast_to([x, y, yaw + 0.0], (1, 3)), settings)[0]
 
 
-def test_speed_limit_on_each_axis():
-    for settings, ahead, back, aside in (B, 0.12, 0.06, 0.07), (OTHER, 0.3, 0.1, 0.2):
-        for x, y, *v in (5, 0, ahead, 0), (-5, 0, -back, 0), (0, 5, 0, aside), (0, -5, 0, -aside):
-            close(
-                command(x, y, settings=settings)[:2],
-                v,
-                f"forward {ahead}, backward {back}, sideways {aside} m/s, v_x ahead, v_y to the left: "
-                "is backward taken for forward? Every limit comes from `settings`, not from the "
-                f"default (for a goal at ({x}, {y}))",
-            )
-
-
 def test_speed_far_away_is_on_the_edge_of_the_diamond():
-    for beta in np.linspace(-np.pi, np.pi, 50):
-        v_x, v_y, _ = command(3 * math.cos(beta), 3 * math.sin(beta))
-        edge = abs(v_x) / (0.12 if v_x > 0 else 0.06) + abs(v_y) / 0.07
+    for settings, beta in itertools.product((B, OTHER), np.linspace(-np.pi, np.pi, 50)):
+        v_x, v_y, _ = command(5 * math.cos(beta), 5 * math.sin(beta), settings=settings)
+        x_max = settings.forward if v_x > 0 else settings.backward
         close(
-            edge,
+            abs(v_x) / x_max + abs(v_y) / settings.sideways,
             1,
             "|v_x| / x_max + |v_y| / y_max = 1: above 1 each axis is limited on its own (a box) or "
-            "the limit is round (an ellipse); between the axes it is a straight line",
+            "the limit is round (an ellipse); between the axes it is a straight line. Is backward "
+            "taken for forward? Every limit comes from `settings`, not from the default",
         )
         turned_by = env.wrap(math.atan2(v_y, v_x) - beta)
         close(turned_by, 0, "limiting must not change the direction")
@@ -92,6 +81,16 @@ def test_far_away_it_faces_the_goal_and_nearby_it_turns_like_the_goal():
     close(command(0.1, 0, -3)[2], -0.3, "the limit holds to both sides")
     around = command(0.1, 0, math.radians(350))[2]
     close(around, 0.3 * math.radians(-10), "350° to the left are 10° to the right")
+
+
+def test_speed_and_turning_follow_the_settings():
+    hint = (
+        "every limit and gain comes from `settings`, not from the default; and the gain comes "
+        "before the limit: v = min(gain·d, v_max)"
+    )
+    close(command(0, 5, settings=OTHER)[2], 0.8, "far: 0.8 rad/s to the left")
+    close(command(0.3, 0, 0.2, OTHER)[2], 0.4, "near: 2·α; " + hint)
+    close(command(0.5, 0, 0.2, OTHER)[2], 0, "far begins at far_m = 0.4 m")
 
 
 def test_speed_of_many_goals_is_that_of_each():
