@@ -25,6 +25,7 @@ import pytest
 import torch
 from checks import close, equal, frozen, locked
 from matplotlib.backend_bases import KeyEvent, MouseEvent
+from test_03_env import motion
 
 evaluate = import_module("05_evaluate")
 env, ppo, robot_model = evaluate.env, evaluate.ppo, evaluate.robot_model
@@ -353,17 +354,9 @@ SHORT = env.Task(time_limit=2.0)  # three decisions are enough
 
 
 @pytest.fixture(scope="module")
-def world():
-    world = env.FootstepWorld(16, cores=1, task=SHORT)
-    yield world
-    world.close()
-
-
-@pytest.fixture(scope="module")
 def noisy():
-    world = env.FootstepWorld(16, noise=True, cores=1, task=SHORT)
-    yield world
-    world.close()
+    with closing(env.FootstepWorld(16, noise=True, cores=1, task=SHORT)) as world:
+        yield world
 
 
 def to(goals):
@@ -418,11 +411,8 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
     def run(robots, plan, disturbance):
         ends = [poses[i][count[i]] for i in robots]
         count[robots] += 1
-        torso = np.zeros((len(robots), 1, 6))
-        torso[:, 0, [0, 1, 5]] = [IN if end is FALLS else end for end in ends]
-        fell = np.array([end is FALLS for end in ends])
-        ticks = np.full(len(fell), noisy.engine.period_ticks)
-        return robot_model.Motion(torso, None, torso[:, 0, 3:], fell, ticks)
+        there = [IN if end is FALLS else end for end in ends]
+        return motion(there, [end is FALLS for end in ends])
 
     monkeypatch.setattr(noisy.simulator, "run", run)
     found = evaluate.evaluate(planner, noisy, to(np.zeros((len(poses), 3))))
@@ -673,11 +663,11 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
         ("actions[0, 0] = -0.01", "must lie between 0 and 1"),
     ],
 )
-def test_a_wrong_action_names_the_file_and_the_rule(world, tmp_path, monkeypatch, line, rule):
+def test_a_wrong_action_names_the_file_and_the_rule(noisy, tmp_path, monkeypatch, line, rule):
     monkeypatch.setattr(sys, "path", sys.path[:])
     planner = evaluate.load_planner(own_planner(tmp_path / "mine.py", line))
     with pytest.raises(ValueError, match=f"mine.py: actions .*{rule}"):
-        evaluate.evaluate(planner, world, to(np.zeros((2, 3))))
+        evaluate.evaluate(planner, noisy, to(np.zeros((2, 3))))
 
 
 def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(short_trials):

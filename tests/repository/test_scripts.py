@@ -20,26 +20,25 @@ from sheet import ROOT
 EXERCISES = ROOT / "tests" / "exercises"
 
 
+def python(*arguments, cwd=ROOT, **environment):
+    """Python with these arguments, in this environment only, and what it prints."""
+    return subprocess.run(
+        [sys.executable, *map(str, arguments)],
+        cwd=cwd,
+        timeout=900,
+        capture_output=True,
+        encoding=environment["PYTHONIOENCODING"],
+        env=environment,
+    )
+
+
 def run(script, *arguments, folder, code=0):
     """A stage in its own process and a bare surrounding: no HOME, no display, no renderer."""
     bare = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
-    environment = {
-        "LC_ALL": "C",
-        "PYTHONIOENCODING": "utf-8",
-        "MPLBACKEND": "TkAgg",
-        "MUJOCO_GL": "none",
-        **{name: os.environ[name] for name in bare},
-    }
-    command = [sys.executable, str(ROOT / script), *map(str, arguments)]
-    done = subprocess.run(
-        command,
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-        check=False,
-        timeout=240,
-        env=environment,
-    )
+    environment = {name: os.environ[name] for name in bare}
+    environment |= {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8"}
+    environment |= {"MPLBACKEND": "TkAgg", "MUJOCO_GL": "none"}
+    done = python(ROOT / script, *arguments, cwd=folder, **environment)
     assert done.returncode == code, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
