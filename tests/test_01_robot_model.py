@@ -292,16 +292,15 @@ def test_body_inverse_puts_the_feet_where_they_should_be(name):
     away = rng.uniform([-0.05, 0.07, -0.3], [0.05, 0.11, 0.3], (n, 2, 3)) * [[1, 1, 1], [1, -1, 1]]
     height = rng.uniform(0, 0.03, (n, 2, 1))
     here = trunk[:, None, [0, 1, 5]]
-    ground = robot_model.compose(here, away)  # [n, 2, 3]
-    feet = np.concatenate([ground[..., :2], height, ground[..., 2:]], -1)
+    feet = np.insert(robot_model.compose(here, away), [2], height, -1)  # [n, 2, 4]
     joints = robot_model.body_inverse(ROBOT, trunk, feet, planar)
     if planar:
         lacking = np.delete(joints, robot_model.SAGITTAL, 1)
         close(lacking, 0, "a plane has no hip yaw and no rolls")
         away[..., 1], away[..., 2] = ROBOT.hips[:, 1], 0  # legs below their hips
-    got = robot_model.relative(here, robot_model.foot_poses(ROBOT, trunk, joints))
-    got[..., 2] = robot_model.wrap(got[..., 2])
-    close(got, away)
+    error = robot_model.foot_poses(ROBOT, trunk, joints) - robot_model.compose(here, away)
+    error[..., 2] = robot_model.wrap(error[..., 2])
+    close(error, 0)
     points, _ = robot_model.body_points(ROBOT, trunk, joints)
     close(points[..., 3:, 2], height.repeat(2, -1), "soles must be level")
 

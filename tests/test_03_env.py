@@ -610,19 +610,20 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, chan
         rngs, episodes = [stream("training", 6, i) for i in robots], []
         for _ in range(2):
             world.reset(robots, rngs, goals)
-            rngs, seen = (), {"goal": world.goal.copy(), "of the gyro": world.gyro_offset.copy()}
+            rngs = ()
             if first:
                 first(world)
             world.set_goal(robots, world.goal)  # so that the first look is forgotten
             view = world.look(robots)
-            seen["noise of the goal"] = robot_model.wrap(view.goal - world.relative_goal(robots))
-            seen["noise of the IMU"] = view.observation[:, 20:].copy()
-            seen |= {name: all.copy() for name, all in vars(world.simulator.body).items()}
+            seen = vars(world.simulator.body) | {
+                "goal": world.goal,
+                "of the gyro": world.gyro_offset,
+                "noise of the goal": robot_model.wrap(view.goal - world.relative_goal(robots)),
+                "noise of the IMU": view.observation[:, 20:],
+            }
             equal(world.friction, seen["friction"], "the μ that stage 5 reports is another one")
-            world.step(
-                [WILD] * count, robots, lambda told, _, to=seen: to.update(push=told.push.copy())
-            )
-            episodes.append({name: values[0] for name, values in seen.items()})
+            world.step([WILD] * count, robots, lambda told, _, to=seen: to.update(push=told.push))
+            episodes.append({name: values[0].copy() for name, values in seen.items()})
             if last:
                 last(world)
         return {name: np.array([one[name] for one in episodes]) for name in episodes[0]}

@@ -594,15 +594,13 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(
     assert list(planners) == ["policy", "baseline_tuned", "baseline"]
     assert planners["baseline"].settings == B, "those of the paper"
     assert planners["baseline_tuned"].settings == evaluate.TUNED_BASELINE["pymunk"] != B
-    files = [
-        Path(name) for name in ("first.pt", "a/policy.pt", "imu/policy.pt", "seed_1.pt", "mine.pt")
-    ]
+    files = map(Path, "first.pt a/policy.pt imu/policy.pt seed_1.pt mine.pt".split())
     policies = [save_untrained(file, imu="imu" in file.parts) for file in files]
     mine = [own_planner(name) for name in ("mine.py", "b/mine.py", "b/baseline.py")]
     capsys.readouterr()
     planners, facts, shown = evaluate.choose_planners(one_robot, policies, mine)
-    files = "policy a/policy.pt imu/policy.pt seed_1 mine mine.py b/mine.py b/baseline.py"
-    names = f"{files} baseline_tuned baseline"
+    names = "policy a/policy.pt imu/policy.pt seed_1 mine mine.py b/mine.py b/baseline.py"
+    names += " baseline_tuned baseline"
     assert " ".join(planners) == names, "called like the file, by its path if that is taken"
     assert (facts["file"], shown) == ("first.pt", "mine.py"), "your own planner before the policies"
     assert [planners[name].columns for name in ("a/policy.pt", "imu/policy.pt")] == [20, 25]
