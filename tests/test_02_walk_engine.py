@@ -8,6 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 from checks import BOTH, close, equal, frozen
+from numpy.polynomial.polynomial import polyfit
 from numpy.random import default_rng
 
 robot_model = import_module("01_robot_model")
@@ -57,8 +58,8 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
             "a foot jumps: the next plan must start where this one ended",
         )
         # Each side of the seam is one quintic: a fit of degree 5 is exact.
-        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
-        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
+        last = polyfit(dt * np.arange(-9, 1), before[-10:], 5)
+        start = polyfit(dt * np.arange(10), after[:10], 5)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
             close(
                 start[order],
@@ -67,7 +68,7 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
                 "steps: the next spline starts with the state in which this one ended",
             )
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
-    standing = np.polynomial.polynomial.polyfit(dt * np.arange(10), plans[0].trunk[0, :10], 5)
+    standing = polyfit(dt * np.arange(10), plans[0].trunk[0, :10], 5)
     close(standing[1:3], 0, "a walk begins at rest: velocity or c₂ jumps there")
     jump = max(np.abs(np.diff(trajectory.joints, axis=1)).max() for trajectory in plans)
     assert jump < 0.2, f"a joint's target jumps by {jump:.2f} rad in a tick"
@@ -124,7 +125,7 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             )
             # From knot to knot it is one quintic: a fit of degree 5 is exact.
             near = np.arange(10) if k == 0 else np.arange(-9, 1)
-            c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
+            c = polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
             velocity = (after - before) / engine.half
             close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step")
             close(c[1, 3:5], 0, "there the lean turns back")

@@ -26,6 +26,7 @@ env, InputError = ppo.env, ppo.robot_model.InputError
 ActorCritic, PPOConfig, train = ppo.ActorCritic, ppo.PPOConfig, ppo.train
 
 SMALL = PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
+HERE = Path()  # of each test another folder, see `one_thread`
 EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
 COLUMNS = (
     "steps",
@@ -315,7 +316,7 @@ def learn(first, play, updates=15, cfg=SMALL, improve=None):
     steps = round(updates * cfg.num_envs * cfg.rollout)
     envs = partial(Probe, first=first, play=play)
     # ppo.improve of now: it may be an exercise
-    return train(cfg, envs, Path(), steps, improve=improve or ppo.improve)
+    return train(cfg, envs, HERE, steps, improve=improve or ppo.improve)
 
 
 def value(model, obs):
@@ -378,11 +379,11 @@ def nan_afterwards(obs, action):
     (nan_afterwards, SMALL, "nor is an observation or a reward"),
     (constant, replace(SMALL, learning_rate=1e30), "a smaller learning rate?"),
 ], ids=["reward", "observation", "learning rate"])  # fmt: skip
-def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reason):
+def test_numbers_that_are_not_finite_stop_the_training(play, cfg, reason):
     said = rf"\Aupdate \d+: the loss is not finite \({re.escape(reason)}\)\Z"
     with pytest.raises(InputError, match=said):
         learn(zero, play, updates=4, cfg=cfg)
-    assert not (tmp_path / "policy.pt").exists(), "a policy of nan must not be written"
+    assert not (HERE / "policy.pt").exists(), "a policy of nan must not be written"
 
 
 @pytest.mark.parametrize("name, wrong", [
@@ -397,13 +398,13 @@ def test_numbers_that_are_not_finite_stop_the_training(tmp_path, play, cfg, reas
     ("epochs", 0),
     ("minibatch", -1),
 ])  # fmt: skip
-def test_settings_with_which_nothing_can_be_learned_are_refused_at_once(tmp_path, name, wrong):
+def test_settings_with_which_nothing_can_be_learned_are_refused_at_once(name, wrong):
     with pytest.raises(ValueError, match=name):
         learn(zero, constant, cfg=replace(SMALL, **{name: wrong}))
-    assert not [*tmp_path.iterdir()], "before anything is written"
+    assert not [*HERE.iterdir()], "before anything is written"
 
 
-def test_an_algorithm_of_one_s_own_is_an_argument(tmp_path):
+def test_an_algorithm_of_one_s_own_is_an_argument():
     """REINFORCE with a mean return as baseline: five lines, and the same loop, log and files."""
 
     def reinforce(model, optimizer, data, cfg):
@@ -418,7 +419,7 @@ def test_an_algorithm_of_one_s_own_is_an_argument(tmp_path):
     model, rows = learn(zero, play, 40, replace(SMALL, num_envs=128), reinforce)
     close(model.decide([[0.0]]), 0.7, "it has learned", atol=0.1)
     assert set(rows[0]) == {"steps", "minutes", "loss", *EPISODES, "learning_rate"}
-    ppo.plot_learning_curve(rows, tmp_path / "curve.png", "a title with $ and $^$ in it")
+    ppo.plot_learning_curve(rows, HERE / "curve.png", "a title with $ and $^$ in it")
 
 
 def test_collected_observations_are_followed_by_what_really_followed():
@@ -605,13 +606,13 @@ def test_advantages_are_normalised():
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
 
 
-def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
+def test_the_first_policy_of_a_training_is_made_as_it_is_told():
     class Neutral(Probe):
         neutral_action = [0.3]
 
     cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0, sharpest=1.0)
     for world, first in ((Neutral, 0.3), (Probe, 0.5)):  # the neutral action, or else the middle
-        model, _ = train(cfg, partial(world, first=zero, play=constant), tmp_path, 1)
+        model, _ = train(cfg, partial(world, first=zero, play=constant), HERE, 1)
         with torch.no_grad():
             pi = model.policy(torch.zeros(1, 1))
         close(pi.mode, [[first]], atol=0.01)
@@ -619,7 +620,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told(tmp_path):
         assert model.shape["hidden"] == [8]
 
 
-def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path):
+def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened():
     cfg = replace(SMALL, epochs=1, minibatch=128, sharpest=6.0)
     rates, collecting, learning = [], [], []
 
@@ -634,7 +635,7 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path):
         return ppo.improve(model, optimizer, data, cfg)
 
     envs = partial(Probe, first=zero, play=constant)
-    _, rows = train(cfg, envs, tmp_path, 4 * 128 + 1, make_model=Mine, improve=watched)
+    _, rows = train(cfg, envs, HERE, 4 * 128 + 1, make_model=Mine, improve=watched)
     steps = [row["steps"] for row in rows]
     assert steps == [128, 256, 384, 512, 640], "rounded up to a whole update"
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
@@ -647,8 +648,8 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened(tmp_path):
 QUICK = PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
 
 
-def contents(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+def contents():
+    return {path.name: path.read_bytes() for path in HERE.iterdir() if path.is_file()}
 
 
 def same(model, other):
@@ -674,19 +675,19 @@ def stopped(update, cfg=QUICK, seed=3, **more):
     calls = [*[mock.DEFAULT] * (update - 1), KeyboardInterrupt]
     improve = mock.Mock(wraps=ppo.improve, side_effect=calls)
     with pytest.raises(KeyboardInterrupt):
-        train(cfg, wandering, Path(), 7 * 64, seed, improve=improve, **more)
+        train(cfg, wandering, HERE, 7 * 64, seed, improve=improve, **more)
 
 
-def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
-    (tmp_path / "whole").mkdir()
-    _, want = train(QUICK, wandering, tmp_path / "whole", 7 * 64, 3)
+def test_a_stopped_training_goes_on_where_its_last_update_ended():
+    (HERE / "whole").mkdir()
+    _, want = train(QUICK, wandering, HERE / "whole", 7 * 64, 3)
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
         stopped(update, resume=done > 3)
-        assert not (tmp_path / "policy.pt").exists(), "it is written at the end"
-        stored = ppo.load_plain(tmp_path / "checkpoint.pt", "optimizer")
+        assert not (HERE / "policy.pt").exists(), "it is written at the end"
+        stored = ppo.load_plain(HERE / "checkpoint.pt", "optimizer")
         steps = stored["optimizer"]["state"][0]["step"]
         assert steps == done * QUICK.epochs * 2, "gradient steps: Adam's state is stored, too"
-    model, rows = train(QUICK, wandering, tmp_path, 7 * 64, 3, resume=True)
+    model, rows = train(QUICK, wandering, HERE, 7 * 64, 3, resume=True)
     for row, other in zip(rows, want, strict=True):
         assert row.keys() == other.keys() == set(COLUMNS)
         assert (row["steps"], row["learning_rate"]) == (other["steps"], other["learning_rate"])
@@ -694,14 +695,14 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended(tmp_path):
         np.testing.assert_equal([row[name] for row in rows[:3]], [row[name] for row in want[:3]])
     assert rows[3]["entropy"] != want[3]["entropy"], "fresh episodes: not bit for bit the same"
     assert abs(rows[3]["entropy"] - want[3]["entropy"]) < 0.2, "but the same networks"
-    assert model.sharpness == QUICK.sharpest and not (tmp_path / "checkpoint.pt").exists()
+    assert model.sharpness == QUICK.sharpest and not (HERE / "checkpoint.pt").exists()
 
 
-def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
+def test_the_three_policies_of_a_folder_are_of_one_training():
     names = "policy.start.pt", "policy.tenth.pt", "policy.pt"
-    last, _ = train(QUICK, wandering, tmp_path, 20 * 64, fits=FITS, noise=False)
-    before = contents(tmp_path)
-    start, tenth, end = (ppo.load_policy(tmp_path / name) for name in names)
+    last, _ = train(QUICK, wandering, HERE, 20 * 64, fits=FITS, noise=False)
+    before = contents()
+    start, tenth, end = (ppo.load_policy(HERE / name) for name in names)
     k = 1 + (QUICK.sharpest - 1) / 10
     for (model, about), sharpness in ((start, 1.0), (tenth, k), (end, QUICK.sharpest)):
         close(model.sharpness, sharpness, "k of that moment decides the mean")
@@ -709,14 +710,14 @@ def test_the_three_policies_of_a_folder_are_of_one_training(tmp_path):
     assert end[1]["minutes"] > 0 and end[1]["config"]["gamma"] == QUICK.gamma
     assert same(end[0], last) and not same(start[0], tenth[0])
     stopped(5, fits=FITS)
-    kept = contents(tmp_path)
+    kept = contents()
     assert kept.items() >= before.items(), "a stopped training changes none of them"
-    train(QUICK, wandering, tmp_path, 64, 3, fits=FITS)
-    assert {ppo.load_policy(tmp_path / name)[1]["seed"] for name in names} == {3}
-    assert contents(tmp_path)["checkpoint.previous.pt"] == kept["checkpoint.pt"], "nothing is lost"
+    train(QUICK, wandering, HERE, 64, 3, fits=FITS)
+    assert {ppo.load_policy(HERE / name)[1]["seed"] for name in names} == {3}
+    assert contents()["checkpoint.previous.pt"] == kept["checkpoint.pt"], "nothing is lost"
 
 
-def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path):
+def test_numbers_of_numpy_are_stored_as_plain_ones():
     """Sweeps use np.logspace and np.arange. What is written can be read, and a training resumed."""
     rates, counts, usual = np.logspace(-4, -3, 3), np.arange(9), env.LIMITS["pymunk"]
     limits = env.StepLimits(*np.array([usual.low, usual.high]))
@@ -729,29 +730,29 @@ def test_numbers_of_numpy_are_stored_as_plain_ones(tmp_path):
     counted = {"hidden": (counts[8],), "epochs": counts[1], "minibatch": counts[4]}
     cfg = replace(QUICK, **numbers, **counted)
     stopped(2, cfg, counts[3], **about)
-    train(cfg, wandering, tmp_path, 7 * 64, counts[3], True, **about)
+    train(cfg, wandering, HERE, 7 * 64, counts[3], True, **about)
     for name in "policy.start.pt", "policy.tenth.pt", "policy.pt":
-        _, found = ppo.load_policy(tmp_path / name)
+        _, found = ppo.load_policy(HERE / name)
         assert found["seed"] == 3 and found["push"] == [*rates] and found["noise"] is True
 
 
-def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(tmp_path, capsys):
+def test_a_checkpoint_that_cannot_be_written_does_not_end_a_training(capsys):
     with locked("checkpoint.pt"):
-        train(QUICK, wandering, tmp_path, 4 * 64, fits=FITS)
+        train(QUICK, wandering, HERE, 4 * 64, fits=FITS)
     said = capsys.readouterr().out
     assert said.count("checkpoint.pt: Access is denied; the training goes on") == 1, (
         "once is enough"
     )
-    assert ppo.load_policy(tmp_path / "policy.pt")[1]["steps"] == 4 * 64
+    assert ppo.load_policy(HERE / "policy.pt")[1]["steps"] == 4 * 64
 
 
 @pytest.mark.parametrize("name", ["policy.pt", "learning_curve.csv", "checkpoint.previous.pt"])
-def test_a_file_that_cannot_be_written_is_one_line(tmp_path, name):
+def test_a_file_that_cannot_be_written_is_one_line(name):
     stopped(2, fits=FITS)
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
     with locked(name), pytest.raises(InputError, match=said):
-        train(QUICK, wandering, tmp_path, 2 * 64, 3, fits=FITS)
-    assert not list(tmp_path.glob("*.tmp*")), "no half of a file is left"
+        train(QUICK, wandering, HERE, 2 * 64, 3, fits=FITS)
+    assert not list(HERE.glob("*.tmp*")), "no half of a file is left"
 
 
 @pytest.mark.slow
@@ -777,7 +778,7 @@ def test_a_student_s_own_pytorch_stays_as_it_is():
     subprocess.run([sys.executable, "-c", code], cwd=Path(ppo.__file__).parent, check=True)
 
 
-def test_a_seed_is_a_training(tmp_path):
+def test_a_seed_is_a_training():
     seeds = []
 
     class Listening(Probe):
@@ -787,20 +788,20 @@ def test_a_seed_is_a_training(tmp_path):
 
     def run(seed, **changes):
         envs = partial(wandering, kind=Listening)
-        return train(replace(QUICK, **changes), envs, tmp_path, 3 * 64, seed)[0]
+        return train(replace(QUICK, **changes), envs, HERE, 3 * 64, seed)[0]
 
     assert same(run(0), run(0)), "the same seed gives the same policy"
     assert not same(*(run(seed, learning_rate=0.0) for seed in (0, 1))), "other first weights"
     assert seeds[0] == seeds[1] == seeds[2] != seeds[3], "other episodes, which begin once"
 
 
-def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monkeypatch):
+def test_a_refused_resume_is_one_line_and_closes_the_environments(monkeypatch):
     closed = mock.Mock()
     monkeypatch.setattr(Probe, "close_extras", closed)
 
     def refused(said, cfg=QUICK, seed=3, total_steps=7 * 64, **about):
         with pytest.raises(InputError, match=rf"\A.*{said}.*\Z"):
-            train(cfg, wandering, tmp_path, total_steps, seed, True, **about)
+            train(cfg, wandering, HERE, total_steps, seed, True, **about)
 
     refused("checkpoint.pt: No such file")
     stopped(3, fits=FITS)
@@ -811,16 +812,16 @@ def test_a_refused_resume_is_one_line_and_closes_the_environments(tmp_path, monk
         "fits: simulator": {"fits": {"simulator": "mujoco"}},
     }.items():
         refused(f"cannot resume: {name} .*, here ", **{"fits": FITS, **changes})
-    ppo.save_plain(tmp_path / "checkpoint.pt", ppo.policy_file(ActorCritic(1, 1), META))
+    ppo.save_plain(HERE / "checkpoint.pt", ppo.policy_file(ActorCritic(1, 1), META))
     refused(r"checkpoint\.pt: damaged, or not written")
     assert closed.call_count == 7, "the processes of a simulator would stay"
 
 
-def test_a_policy_says_what_it_was_trained_in(tmp_path):
+def test_a_policy_says_what_it_was_trained_in():
     make_envs = partial(env.FootstepVectorEnv, imu=True, cores=1, task=env.Task(s_c=0.2))
     cfg = replace(QUICK, num_envs=1, rollout=2, minibatch=2)
-    train(cfg, make_envs, tmp_path, 1)
-    fits = ppo.load_policy(tmp_path / "policy.pt")[1]["fits"]
+    train(cfg, make_envs, HERE, 1)
+    fits = ppo.load_policy(HERE / "policy.pt")[1]["fits"]
     assert fits["simulator"] == "pymunk" and len(fits["observation"]) == 25
     assert fits["walk"]["reflex"] == env.walk_engine.TUNED["pymunk"].reflex
     assert fits["task"]["s_c"] == 0.2 and fits["robot"]["torso"]["mass"] == 3.49
@@ -856,24 +857,24 @@ class Foreign:
     lambda path, good: path.write_bytes(good[:9000] + b"weight" + good[9006:]),
 ], ids=["missing", "but for its end", "code", "list", "no weights",
         "other networks", "other weights"])  # fmt: skip
-def test_a_file_that_is_no_policy_is_refused_in_one_line(tmp_path, damage):
-    path = tmp_path / "bad.pt"
+def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
+    path = HERE / "bad.pt"
     ppo.save_plain(path, untrained())
     damage(path, path.read_bytes())
     said = r"\A.*bad\.pt: (No such file|damaged, or not|.*networks).*\Z"
     with pytest.raises(InputError, match=said):
         ppo.load_policy(path)
-    assert not (tmp_path / "touched").exists(), "reading a file ran code from inside it"
+    assert not (HERE / "touched").exists(), "reading a file ran code from inside it"
 
 
 @pytest.mark.parametrize("error, said", [
     (KeyboardInterrupt(), "^$"),
     (OSError(28, "No space left on device"), r"\A.*policy\.pt: No space left on device\Z"),
 ], ids=["killed", "full disk"])  # fmt: skip
-def test_a_failing_save_loses_nothing(tmp_path, monkeypatch, error, said):
-    save = partial(ppo.save_plain, tmp_path / "policy.pt", untrained())
+def test_a_failing_save_loses_nothing(monkeypatch, error, said):
+    save = partial(ppo.save_plain, HERE / "policy.pt", untrained())
     save()
-    before, write = contents(tmp_path), Path.write_bytes
+    before, write = contents(), Path.write_bytes
 
     def fails(path, data):
         write(path, data[:9])
@@ -882,7 +883,7 @@ def test_a_failing_save_loses_nothing(tmp_path, monkeypatch, error, said):
     monkeypatch.setattr(Path, "write_bytes", fails)
     with pytest.raises((KeyboardInterrupt, InputError), match=said):
         save()
-    assert contents(tmp_path) == before, "the old file, and no half of a new one"
+    assert contents() == before, "the old file, and no half of a new one"
 
 
 def told_to_train(arguments, monkeypatch):
@@ -961,9 +962,9 @@ def test_a_task_whose_module_is_missing_is_one_line(monkeypatch, name):
 
 
 @pytest.mark.slow
-def test_a_short_training_improves_the_pendulum(tmp_path):
+def test_a_short_training_improves_the_pendulum():
     pendulum = partial(ppo.gym_envs, "Pendulum-v1")
-    _, rows = train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, tmp_path, 60_000)
+    _, rows = train(replace(ppo.GYM_CONFIG, gamma=0.95), pendulum, HERE, 60_000)
     returns = np.array([row["return"] for row in rows])
     first, last = returns[1], np.nanmean(returns[-10:])
     assert last > first + 300, f"return went from {first:.0f} to {last:.0f} only"

@@ -25,6 +25,7 @@ import pytest
 import torch
 from checks import close, equal, frozen, locked
 from matplotlib.backend_bases import KeyEvent, MouseEvent
+from numpy.random import default_rng
 from test_03_env import motion
 
 evaluate = import_module("05_evaluate")
@@ -95,7 +96,7 @@ def test_speed_and_turning_follow_the_settings():
 
 
 def test_speed_of_many_goals_is_that_of_each():
-    goals = np.random.default_rng(0).normal(size=(50, 3)) * (1, 1, 2)
+    goals = default_rng(0).normal(size=(50, 3)) * (1, 1, 2)
     together = evaluate.velocity_command(goals, OTHER)
     assert together.shape == (50, 3), "goals [n, 3] -> v_x, v_y, ω [n, 3]"
     alone = [command(*goal, settings=OTHER) for goal in goals]
@@ -241,7 +242,7 @@ def test_time_ratio_uses_only_goals_that_both_reached():
 
 
 def test_time_ratio_s_bootstrap_is_that_of_theory():
-    sample = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    sample = default_rng(1).normal(3.0, 2.0, 400)
     low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
     close((low + high) / 2, sample.mean(), atol=0.03)
     close(
@@ -260,7 +261,7 @@ def test_time_ratio_s_bootstrap_is_that_of_theory():
 
 def test_time_ratio_s_interval_covers_the_truth():
     """90 goals with another ratio each: about 95 of 100 such samples must contain the mean."""
-    rng, covered = np.random.default_rng(0), []
+    rng, covered = default_rng(0), []
     for _ in range(200):
         theirs = rng.uniform(5, 30, 90)
         ours = theirs * rng.uniform(0.3, 0.7, 90) + 2  # the longer, the nearer to a half
