@@ -3,8 +3,8 @@
     python tests/studies/common.py     puts the numbers of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
-numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what they say, in words) and mostly `plot`. It writes
-NAME.json, NAME.md and NAME.png.
+numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what they say,
+in words) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
 A finished part is written before the next one begins; --only measures one part anew.
 """
 
@@ -87,7 +87,7 @@ def read_json(path):
 
 
 def work(sim, study, training):
-    """The folder of a study's training."""
+    """The folder of a study's training; what is finished there stays until you delete it."""
     folder = Path("runs", sim, "studies", study, training)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
