@@ -179,6 +179,7 @@ def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, a
 
 STAGES = sorted(path.name for path in ROOT.glob("0*.py"))
 PAGES = "README.md", "results/STUDIES.md", "results/pymunk/README.md", "results/mujoco/README.md"
+PAGES += "tests/README.md", "tests/exercises/course.md", "tests/exercises/notebook.md"
 
 
 @pytest.fixture(scope="module")
