@@ -155,6 +155,23 @@ def test_without_physics_ppo_trains_and_nobody_falls(tmp_path, monkeypatch):
     assert moved == pytest.approx(want, abs=1e-9), "it moves exactly as planned"
 
 
+def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatch):
+    """In order, drawn by Agg. Cells with ! or %run are left out: the first one installs, and the
+    stages are run above."""
+    page = (EXERCISES / "notebook.md").read_text("utf-8")
+    names, cells = {}, re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    for package in re.findall(r"^(?!pytest)\w+", (ROOT / "requirements.txt").read_text(), re.M):
+        assert package in cells[0], "the first cell installs what the stages need"
+    monkeypatch.chdir(ROOT)
+    for cell in cells:
+        if not re.search(r"^(!|%run)", cell, re.MULTILINE):
+            exec(cell.replace("%matplotlib inline", ""), names)
+    names["world"].close()
+    names["figure"].savefig(tmp_path / "walk.png")
+    check_picture(tmp_path / "walk.png")
+    assert names["walk"]["ending"].startswith("success")
+
+
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "--seed must be 0 or more"),
     ("04_ppo.py", "--out a_file/sub", "a_file"),
