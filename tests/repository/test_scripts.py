@@ -167,7 +167,7 @@ def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatc
         if not re.search(r"^(!|%run)", cell, re.MULTILINE):
             exec(cell.replace("%matplotlib inline", ""), names)
     names["world"].close()
-    names["figure"].savefig(tmp_path / "walk.png")
+    names["robot_model"].save_figure(names["figure"], tmp_path / "walk.png")  # and closes it
     check_picture(tmp_path / "walk.png")
     assert names["walk"]["ending"].startswith("success")
 
