@@ -26,6 +26,9 @@ LONGEST = {
     "results/STUDIES.md": 240,  # lines
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
+    "tests/README.md": 40,
+    "tests/exercises/course.md": 340,
+    "tests/exercises/projects.md": 160,
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]

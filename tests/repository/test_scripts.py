@@ -155,6 +155,23 @@ def test_without_physics_ppo_trains_and_nobody_falls(tmp_path, monkeypatch):
     close(moved, want, "it moves exactly as planned")
 
 
+def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatch):
+    """In order, drawn by Agg. Cells with ! or %run are left out: the first one installs, and the
+    stages are run above."""
+    page = (EXERCISES / "notebook.md").read_text("utf-8")
+    names, cells = {}, re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    for package in re.findall(r"^(?!pytest)\w+", (ROOT / "requirements.txt").read_text(), re.M):
+        assert package in cells[0], "the first cell installs what the stages need"
+    monkeypatch.chdir(ROOT)
+    for cell in cells:
+        if not re.search(r"^(!|%run)", cell, re.MULTILINE):
+            exec(cell.replace("%matplotlib inline", ""), names)
+    names["world"].close()
+    names["robot_model"].save_figure(names["figure"], tmp_path / "walk.png")  # and closes it
+    check_picture(tmp_path / "walk.png")
+    assert names["walk"]["ending"].startswith("success")
+
+
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "--seed must be 0 or more"),
     ("04_ppo.py", "--out a_file/sub", "a_file"),
@@ -177,6 +194,7 @@ def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, a
 
 STAGES = sorted(path.name for path in ROOT.glob("0*.py"))
 PAGES = "README.md", "results/STUDIES.md", "results/pymunk/README.md", "results/mujoco/README.md"
+PAGES += "tests/README.md", "tests/exercises/course.md", "tests/exercises/notebook.md"
 
 
 @pytest.fixture(scope="module")
