@@ -51,7 +51,6 @@ the planar robot cannot fall sideways.
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
 
-import math
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -221,10 +220,9 @@ class WalkPlan(robot_model.Trajectory):
 
     @property
     def longest(self):
-        """How many ticks it may be late: whole readings of the IMU."""
+        """How many ticks it may be late."""
         p = self.engine.parameters
-        readings = math.ceil(p.longest_wait_ticks / robot_model.READ_EVERY)
-        return readings * robot_model.READ_EVERY if p.wait else 0
+        return p.longest_wait_ticks if p.wait else 0
 
     @property
     def most_ticks(self):
@@ -524,8 +522,7 @@ def pushed(sim, parameters, speed, count=12):
             for push, first in zip(disturbance.push, moments):
                 push[first : first + PUSH_TICKS, 0] = push_force(engine.robot, speed)
         motion = simulator.run(robots, plan, disturbance)
-        roll, pitch = motion.torso[..., 3], motion.torso[..., 4]
-        tilts.append(np.arccos(np.cos(roll) * np.cos(pitch)))  # as in `fallen`
+        tilts.append(np.arccos(np.cos(motion.torso[..., 3:5]).prod(-1)))  # as in `fallen`
         fell |= motion.fell
     simulator.close()
     return np.concatenate(tilts, 1), fell
@@ -534,18 +531,13 @@ def pushed(sim, parameters, speed, count=12):
 def plot_push(tilts, engine, path, title):
     """Tilt over time of all robots of `pushed`, [count, T] by the name of their answers."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
-    for tilt, style in zip(
-        tilts.values(), (("tab:red", ":"), ("tab:orange", "--"), ("tab:green",))
-    ):
+    for (name, tilt), style in zip(tilts.items(), ("C3:", "C1--", "C2-")):
         time = np.arange(tilt.shape[1]) * engine.robot.control_dt
-        axis.plot(time, np.degrees(tilt).T, *style[1:], color=style[0], lw=0.9)
-    axis.axvspan(engine.period, 2 * engine.period, color="0.9")
-    axis.axhline(45, color="black", ls=":")
-    axis.legend(
-        [*axis.lines[:: len(tilt)], axis.patches[0]],
-        [*tilts, "fallen", "each is pushed once in here"],
-        loc="upper left",
-    )
+        lines = axis.plot(time, np.degrees(tilt).T, style, lw=0.9)
+        lines[0].set_label(name)
+    axis.axvspan(engine.period, 2 * engine.period, color="0.9", label="each is pushed once in here")
+    axis.axhline(45, color="black", ls=":", label="fallen")
+    axis.legend(loc="upper left")
     axis.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
     robot_model.save_figure(figure, path)
 
@@ -561,19 +553,18 @@ def plot_plan(engine, plan, motion, path):
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.8))
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
-        for foot, name in enumerate(("left foot", "right foot")):
-            color = robot_model.COLORS[foot]
-            axis.plot(time, plan.feet[0, :, foot, k], color=color, label=f"{name}, planned")
+        for foot, color in enumerate(robot_model.COLORS):
+            side = ("left", "right")[foot]
+            axis.plot(time, plan.feet[0, :, foot, k], color, label=f"{side} foot, planned")
             if k == 2:
-                axis.plot(walked, soles[:, foot], "--", color=color, label=f"{name}, measured")
+                axis.plot(walked, soles[:, foot], "--", c=color, label=f"{side} foot, measured")
         if k < 2:
             axis.plot(time, plan.trunk[0, :, k], "k", label="trunk, planned")
             axis.plot(walked, torso[:, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    lines = [*axes[0].lines, *axes[2].lines[1:4:2]]
-    names = [line.get_label() for line in lines]
-    figure.legend(lines, names, loc="outside lower center", ncols=4)
+    lines = {line.get_label(): line for axis in axes for line in axis.lines}  # of each name one
+    figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
     figure.suptitle("A double step during a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 
