@@ -277,7 +277,7 @@ def relative(base, pose):
 
 # ------------------------------------------------------------------------ leg kinematics
 def rotation(roll, pitch, yaw):
-    """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] or numbers in, matrices [..., 3, 3] out."""
+    """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays of one shape [...] in, [..., 3, 3] out."""
     angles = np.array(np.broadcast_arrays(roll, pitch, yaw))  # [3, ...]
     cr, cp, cy = np.cos(angles)
     sr, sp, sy = np.sin(angles)
@@ -304,8 +304,8 @@ def leg_points(robot, joints):
     hip = robot.hip_x * hip_turn[..., 0]  # the axis of hip pitch; [..., 0]: first column, x
     knee_point = hip - robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     ankle = knee_point - robot.shin_length * shin_turn[..., 2]
-    heel = ankle + foot_turn @ np.array([-robot.foot_back, 0, -robot.ankle_height])
-    toe = ankle + foot_turn @ np.array([robot.foot_front, 0, -robot.ankle_height])
+    heel = ankle + foot_turn @ [-robot.foot_back, 0, -robot.ankle_height]
+    toe = ankle + foot_turn @ [robot.foot_front, 0, -robot.ankle_height]
     return np.stack([hip, knee_point, ankle, heel, toe], -2), foot_turn
 
 
@@ -398,9 +398,8 @@ def body_points(robot, torso, joints):
     """
     base = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
-    points = points + robot.hips[:, None]
     # points @ Rᵀ turns every row p into R·p.
-    world = points @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
+    world = (points + robot.hips[:, None]) @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
     return world, base @ foot_turn
 
 
@@ -548,7 +547,7 @@ class Simulator:
     """
 
     planar = False  # do the robots live in the sagittal plane?
-    GETS = slice(1, None)  # of the samples: a tick gets the target of its end
+    TARGETS = slice(1, None)  # of the samples: a tick gets the target of its end
 
     def __init__(self, num_robots, standing, robot):
         check_robot(robot)
@@ -581,7 +580,7 @@ class Simulator:
             samples, added = plan.targets(self.robot, rows, tick, tilt, rates)
             speeds = np.diff(samples, axis=1) / self.robot.control_dt  # [k, ticks, 12] [rad/s]
             end = tick + speeds.shape[1]
-            angles = samples[:, self.GETS] + added
+            angles = samples[:, self.TARGETS] + added
             now = np.stack([angles, speeds], 2)  # [k, ticks, 2, 12]
             late = np.concatenate([self.last[on][:, None], now[:, :-1]], 1)  # by a tick
             self.last[on] = now[:, -1]
@@ -833,7 +832,7 @@ def planar_links(robot):
     # Parallel axes: I = Σ (Iᵢ + mᵢ·(xᵢ² + zᵢ²)), xᵢ and zᵢ from the common centre of mass
     away = ((centres - centre) ** 2)[:, [0, 2]].sum(1)  # [3] [m²]
     pitch = sum([link.inertia[1] for link in parts] + mass * away)
-    torso = Link(sum(mass), (x, 0, z), (pitch,) * 3)  # only the one about y is used
+    torso = Link(mass.sum(), (x, 0, z), (pitch,) * 3)  # only the one about y is used
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
@@ -857,7 +856,8 @@ class PymunkSim(Simulator):
     """
 
     planar = True
-    GETS = slice(-1)  # a tick gets the target of its beginning, see `advance`
+    TARGETS = slice(-1)  # a tick gets the target of its beginning, see `advance`
+    PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot, cores=None):
@@ -870,7 +870,7 @@ class PymunkSim(Simulator):
         # all pairs of x and y  [50, 50] -> r [m]
         self.sole_radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
         self.spaces = [None] * num_robots
-        self.torsos = [None] * num_robots  # pymunk's bodies
+        self.bodies = [None] * num_robots  # seven of each robot
         self.motors = [None] * num_robots  # six of each robot
         self.state = np.zeros((num_robots, 10))  # see `_read`
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
@@ -885,14 +885,14 @@ class PymunkSim(Simulator):
         # Centre of mass of torso and hips in the torso's frame: x, z ([::2]) [m]  [N, 2]
         self.centre = torso.com[::2] + part * self.body.com[:, ::2]
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
-            self.spaces[i], self.torsos[i], self.motors[i] = self._build(i)
+            self.spaces[i], self.bodies[i], self.motors[i] = self._build(i)
         self.pose[robots] = 0
         self.yaw_rate[robots] = 0
         self.lost[robots] = False
         self.state[robots] = self._read(robots)
 
     def _build(self, i):
-        """A space with ground and standing robot i, the robot's torso and six motors."""
+        """A space with ground and standing robot i, the robot's seven bodies and six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
@@ -929,7 +929,7 @@ class PymunkSim(Simulator):
                 # The rotor turns with the link below it. Its inertia also stabilises the solver:
                 # without it the light shin makes a standing robot sway, by 2 cm in a second.
                 body.moment += robot.armature
-                parent = bodies[0 if k % 3 == 1 else k - 1]  # of a thigh it is the torso
+                parent = bodies[self.PARENT[k - 1]]
                 joint = SAGITTAL[k - 1]
                 index = joint % 6  # in its leg
                 motor = pymunk.SimpleMotor(parent, body, 0.0)
@@ -942,17 +942,19 @@ class PymunkSim(Simulator):
                     pymunk.RotaryLimitJoint(parent, body, low, high),
                 )
                 motors.append(motor)
-        return space, bodies[0], motors
+        return space, bodies, motors
 
     def _read(self, robots):
         """The torso's x, z [m], turning rate [rad/s] and pitch, then the six joint angles [rad]:
         [n, 10]."""
         rows = []
         for i in robots:
-            torso = self.torsos[i]
-            angles = [motor.a.angle - motor.b.angle for motor in self.motors[i]]
-            rows.append([*torso.position, -torso.angular_velocity, -torso.angle, *angles])
-        return np.array(rows)
+            torso = self.bodies[i][0]
+            pitches = [-body.angle for body in self.bodies[i]]
+            rows.append([*torso.position, -torso.angular_velocity, *pitches])
+        states = np.array(rows)
+        states[:, 4:] -= states[:, 3 + self.PARENT]  # a joint's angle: pitch − parent's pitch
+        return states
 
     def imu(self, robots):
         """See `Simulator`; the plane has no roll."""
@@ -978,7 +980,7 @@ class PymunkSim(Simulator):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
                     if force:  # in this step only
-                        self.torsos[i].force = force, 0
+                        self.bodies[i][0].force = force, 0
                     self.spaces[i].step(dt)
             now = self._read(robots)
             lost = ~(np.abs(now) < 1e4).all(1)  # diverged; nan < 1e4 is False, too
@@ -993,12 +995,11 @@ class PymunkSim(Simulator):
         trunk = plan.trunk[..., GROUND]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
-        # The torso frame is below the centre of its body, at (down, back) in the body's axes:
-        # x −= down·sin pitch + ahead·cos pitch,   z −= down·cos pitch − ahead·sin pitch
-        x, z, rate, pitch = np.moveaxis(states[..., :4], -1, 0)  # [n, T + 1] each
-        ahead, down = self.centre[robots].T[..., None]  # [n, 1] each [m]
-        x = x - (down * np.sin(pitch) + ahead * np.cos(pitch))
-        z = z - (down * np.cos(pitch) - ahead * np.sin(pitch))
+        pitch = states[..., 3]  # [n, T + 1]
+        # From the centre of the torso's body down to the torso's frame. (A positive pitch turns z
+        # towards x, a positive angle of `turned` the first axis towards the second: here x to z.)
+        frame = states[..., :2] - turned(self.centre[robots, None], -pitch)  # [n, T + 1, 2]
+        x, z = np.moveaxis(frame, -1, 0)
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
         position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
         others = np.stack([z, 0 * z, pitch, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
@@ -1007,8 +1008,9 @@ class PymunkSim(Simulator):
         joints = plan.joints[:, 1:].copy()
         joints[..., SAGITTAL] = states[:, 1:, 4:]
         # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-        pitch, yaw_rate = pitch[:, -1], self.yaw_rate[robots]
-        omega = [-yaw_rate * np.sin(pitch), rate[:, -1], yaw_rate * np.cos(pitch)]
+        rate, pitch = states[:, -1, 2:4].T  # [n] each
+        yaw_rate = self.yaw_rate[robots]
+        omega = [-yaw_rate * np.sin(pitch), rate, yaw_rate * np.cos(pitch)]
         return torso, joints, np.stack(omega, -1), self.lost[robots]
 
     def run_yaw(self, turn, robots):
