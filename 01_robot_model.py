@@ -347,7 +347,8 @@ def leg_inverse(robot, position, foot_turn):
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
     # So far the hip was where yaw and roll turn. The axis of hip pitch is hip_x ahead of there, along
-    # the x axis (first column) of a frame that is turned by −s before the ankle rolls.
+    # the x axis (the first column) of a frame that is turned by −s before the ankle rolls: there it is
+    # (cos s, 0, sin s).
     ahead = (roll_back @ rotation(0, -pitches, 0))[..., 0]  # [..., 3]
     rx, ry, rz = np.moveaxis(r + robot.hip_x * ahead, -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
