@@ -434,7 +434,8 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         torso[:, 0, [0, 1, 5]] = [IN if end is FALLS else end for end in ends]
         fell = np.array([end is FALLS for end in ends])
         ticks = np.full(len(fell), noisy.engine.period_ticks)
-        return robot_model.Motion(torso, None, torso[:, 0, 3:], fell, ticks)
+        joints = np.zeros((len(robots), 1, 12))
+        return robot_model.Motion(torso, joints, torso[:, 0, 3:], fell, ticks)
 
     def watched_step(actions, robots, *more):
         asked.append((np.array(actions), list(robots)))
@@ -643,7 +644,7 @@ ROBOT = robot_model.RobotModel()
 @pytest.mark.parametrize("settings, said", [
     ({"walk": replace(WALK, foot_rise=0.03)}, "walk: foot_rise 0.03, here 0.0226"),
     ({"walk": replace(WALK, reflex=0.0, half_ticks=30)},
-     "walk: half_ticks 30, here 31; reflex 0.0, here 0.05"),
+     "walk: half_ticks 30, here 31; walk: reflex 0.0, here 0.05"),
     ({"spread": env.Spread(mass=0.2)}, "spread: mass 0.2, here 0.1"),
     ({"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0))},
      "robot: torso: mass 4.0, here 3.49"),
