@@ -491,8 +491,8 @@ def play(world, planners, speed):
                 axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
-        last = motion.torso[:, -1], motion.joints[:, -1]
-        feet = np.concatenate([feet, robot_model.foot_poses(engine.robot, *last)])
+        landed = robot_model.foot_poses(engine.robot, world.torso, world.joints)
+        feet = np.concatenate([feet, landed])
 
 
 # ------------------------------------------------------------------------ tables
@@ -763,27 +763,26 @@ def evaluate_all(args, blocks, planners, helpers=0):
 
     blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
     """
-    noises = sorted({False, args.noise})
-    rows = [(name, noise, std) for std, noise, name in itertools.product(blocks, noises, planners)]
-    ours = [row for row in rows if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
+    jobs = {  # what `walk_row` needs, by row in the order of the table
+        (name, noise, std): (args, planner, noise, trials)
+        for std, trials in blocks.items()
+        for noise in sorted({False, args.noise})
+        for name, planner in planners.items()
+    }
+    ours = [row for row in jobs if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
     shared = [row for k, row in enumerate(ours) if k % (1 + helpers)]  # what helpers walk
-    here, results = [row for row in rows if row not in shared], {}
-
-    def job(row):
-        name, noise, std = row
-        return args, planners[name], noise, blocks[std]
-
+    here, results = [row for row in jobs if row not in shared], {}
     spawn = multiprocessing.get_context("spawn")  # the same on every system
     pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
-    futures = {row: pool.submit(walk_row, *job(row)) for row in shared}
+    futures = {row: pool.submit(walk_row, *jobs[row]) for row in shared}
     signal.signal(signal.SIGINT, before)
     try:
         for row in here + shared:
             try:
-                trials = futures[row].result() if row in futures else walk_row(*job(row))
+                trials = futures[row].result() if row in futures else walk_row(*jobs[row])
             except BrokenExecutor:  # a helper has died: too little memory?
-                trials = walk_row(*job(row))
+                trials = walk_row(*jobs[row])
             results[row] = trials
             name, noise, std = row
             goals, noise = kind_of({"goal_std_m": std, "noise": noise})
@@ -794,7 +793,7 @@ def evaluate_all(args, blocks, planners, helpers=0):
         pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.terminate()
-    return {row: results[row] for row in rows}
+    return {row: results[row] for row in jobs}
 
 
 def main(argv=None):
