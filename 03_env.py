@@ -484,9 +484,8 @@ class FootstepWorld:
         usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
         often = self.engine.period / self.task.push_every  # chance of a push in a double step
-        for i, push, gyro, tilt in zip(  # [T, 2] views
-            robots, disturbance.push, disturbance.gyro_error, disturbance.tilt_error
-        ):
+        errors = disturbance.gyro_error, disturbance.tilt_error  # [n, T, 2] each
+        for i, push, gyro, tilt in zip(robots, disturbance.push, *errors):  # [T, 2] views
             noise = self.rngs[i, GYRO].normal(self.gyro_offset[i], self.task.imu_rad_s, (usual, 2))
             gyro[:] = np.resize(noise, gyro.shape)  # who waits meets the first errors again
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
@@ -558,6 +557,19 @@ class FootstepWorld:
         }
 
 
+# ------------------------------------------------------------------------ a picture
+def draw_scene(axes, robot, goal, feet, torso, joints):
+    """A robot on its way to a goal [3]: footprints [K, 2, 3], torso [6], joints [12]. Returns the
+    camera. What was drawn before goes.
+    """
+    camera = robot_model.camera_at()
+    axes.clear()
+    robot_model.draw_ground(axes, camera, 4)
+    robot_model.draw_way(axes, robot, goal, feet, camera)
+    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
+    return camera
+
+
 # ------------------------------------------------------------------------ Gymnasium
 PICTURES = {"render_modes": ["rgb_array"], "render_fps": 2}  # one for a double step
 
@@ -621,7 +633,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         return self.look(self.robots), infos["reward"], terminated, infos["timeout"], infos
 
     def step(self, actions):
-        """One double step; whose episode has ended starts again. infos: also final_obs, final_info."""
+        """One double step; whose episode ended starts again. infos: also final_obs, final_info."""
         observations, reward, terminated, truncated, result = self.walk(actions)
         ended = terminated | truncated
         if ended.any():
@@ -687,18 +699,6 @@ class FootstepEnv(gym.Env):
 
 
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
-
-
-def draw_scene(axes, robot, goal, feet, torso, joints):
-    """A robot on its way to a goal [3]: footprints [K, 2, 3], torso [6], joints [12]. Returns the
-    camera. What was drawn before goes.
-    """
-    camera = robot_model.camera_at()
-    axes.clear()
-    robot_model.draw_ground(axes, camera, 4)
-    robot_model.draw_way(axes, robot, goal, feet, camera)
-    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
-    return camera
 
 
 # ------------------------------------------------------------------------ demonstration
