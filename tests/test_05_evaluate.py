@@ -616,7 +616,7 @@ ROBOT = robot_model.RobotModel()
 @pytest.mark.parametrize("settings, said", [
     ({"walk": replace(WALK, foot_rise=0.03)}, "walk: foot_rise 0.03, here 0.0226"),
     ({"walk": replace(WALK, reflex=0.0, half_ticks=30)},
-     "walk: half_ticks 30, here 31; reflex 0.0, here 0.05"),
+     "walk: half_ticks 30, here 31; walk: reflex 0.0, here 0.05"),
     ({"spread": env.Spread(mass=0.2)}, "spread: mass 0.2, here 0.1"),
     ({"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0))},
      "robot: torso: mass 4.0, here 3.49"),
