@@ -1179,10 +1179,12 @@ def stage_parser(doc):
         action="store_const",
         const="mujoco",
         default="pymunk",
-        help="3-D instead of the sagittal plane",
+        help="Simulate the robot in 3-D (MuJoCo) instead of on the plane (pymunk).",
     )
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same numbers")
-    parser.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="The same seed gives the same numbers (default 0)."
+    )
+    parser.add_argument("--out", type=Path, help="Write into this folder (default runs/<sim>/).")
     return parser
 
 

@@ -595,12 +595,21 @@ def gym_envs(env_id, num_envs):
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add("--imu", action="store_true", help="observe the torso's tilt and turning")
-    add("--noise", action=argparse.BooleanOptionalAction, default=True)
-    add("--steps", type=int, help=f"double steps (default {STEPS:,})")
-    add("--quick", action="store_true", help=f"{QUICK_STEPS:,} steps")
-    add("--resume", action="store_true", help="continue a stopped training")
-    add("--env", metavar="ID", help="train on this Gymnasium environment instead")
+    add(
+        "--imu",
+        action="store_true",
+        help="Let the policy also observe the torso's tilt and turning.",
+    )
+    add(
+        "--noise",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="Measure the goal with noise, or exactly.",
+    )
+    add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
+    add("--quick", action="store_true", help=f"Train for {QUICK_STEPS:,} double steps.")
+    add("--resume", action="store_true", help="Continue a training that was stopped.")
+    add("--env", metavar="ID", help="Train on this Gymnasium environment instead of the walk.")
     args = parser.parse_args(argv)
     if args.env and (args.sim == "mujoco" or args.imu):
         parser.error("--env cannot be combined with --mujoco or --imu")
@@ -635,7 +644,8 @@ def main(argv=None):
     except KeyboardInterrupt:
         raise InputError("interrupted; --resume continues after the last update") from None
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
-    print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
+    print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, policy.start.pt, policy.tenth.pt,")
+    print(f"learning_curve.csv and learning_curve.png are in {out}")
     if not args.env:
         flag = " --mujoco" * (args.sim == "mujoco")
         print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')

@@ -409,7 +409,7 @@ def open_window():
             plt.switch_backend(backend)
         except ImportError:
             continue
-        figure, axes = plt.subplots(figsize=(9, 7))
+        figure, axes = plt.subplots(num="Click a goal, and the robot walks there", figsize=(9, 7))
         # matplotlib's own keys would move the picture
         figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
         return figure, axes
@@ -799,17 +799,31 @@ def evaluate_all(args, blocks, planners, helpers=0):
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add("--noise", action="store_true", help="add the rows with measurement noise")
+    add("--noise", action="store_true", help="Walk also with noise on the measured goal.")
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
-    which.add_argument("--goals", type=Path, help="a CSV file: x, y [m], yaw [rad]")
-    add("--episodes", type=int, default=500, help="how many goals (500)")
-    add("--friction", type=float, help="μ of the floor, for all; else random")
-    add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
-    add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
-    add("--planner", type=Path, nargs="+", default=[], help="files of your own")
-    add("--gif", action="store_true", help="also draw a film")
-    add("--play", action="store_true", help="click a goal, watch the robot walk")
+    which.add_argument("--far", action="store_true", help="Walk also to goals twice as far.")
+    which.add_argument(
+        "--goals", type=Path, help="Take the goals from a CSV file: x, y [m], yaw [rad]."
+    )
+    add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
+    add("--friction", type=float, help="Give every floor this μ, instead of a random one.")
+    add(
+        "--push",
+        type=float,
+        default=0.0,
+        metavar="DV",
+        help="Push the torso by DV m/s, every 3 s on average.",
+    )
+    add("--policy", type=Path, nargs="+", default=[], help="Evaluate these files of 04_ppo.py.")
+    add(
+        "--planner",
+        type=Path,
+        nargs="+",
+        default=[],
+        help="Evaluate the class Planner of these files, too.",
+    )
+    add("--gif", action="store_true", help="Draw a film of a race, too (a minute).")
+    add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
     args = parser.parse_args(argv)
     if not 1 <= args.episodes <= MOST:
         parser.error(f"--episodes from 1 to {MOST}")
@@ -861,7 +875,10 @@ def main(argv=None):
         if args.gif:  # a minute
             race = {name: own[-1] for name, own in walks.items()}
             plot_race(world.engine.robot, race, out / "animation.gif")
-    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
+    film = " and animation.gif" * args.gif
+    print(
+        f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"
+    )
 
 
 if __name__ == "__main__":
