@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 from importlib import import_module
 from itertools import combinations, product
@@ -75,7 +75,9 @@ def pivots_of(space):
 
 def some_rows(record, robots):
     """A plan that nobody has begun, or a Disturbance, of some robots."""
-    return robot_model.some_rows(replace(record), robots)
+    values = {field.name: getattr(record, field.name) for field in fields(record)}
+    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+    return replace(record, **{name: value[robots] for name, value in arrays.items()})
 
 
 def part(plan, first, last):
