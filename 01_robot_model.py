@@ -277,9 +277,10 @@ def relative(base, pose):
 
 # ------------------------------------------------------------------------ leg kinematics
 def rotation(roll, pitch, yaw):
-    """Rz(yaw)·Ry(pitch)·Rx(roll): arrays of one shape [...] in, matrices [..., 3, 3] out."""
-    cr, cp, cy = np.cos([roll, pitch, yaw])
-    sr, sp, sy = np.sin([roll, pitch, yaw])
+    """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays of one shape [...] in, [..., 3, 3] out."""
+    angles = np.array(np.broadcast_arrays(roll, pitch, yaw))  # [3, ...]
+    cr, cp, cy = np.cos(angles)
+    sr, sp, sy = np.sin(angles)
     rows = [
         cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
         sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
@@ -296,16 +297,15 @@ def leg_points(robot, joints):
     = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(joints, -1, 0)
-    zero = np.zeros_like(yaw)
-    hip_turn = rotation(roll, zero, yaw)  # [..., 3, 3]
-    thigh_turn = hip_turn @ rotation(zero, pitch, zero)
-    shin_turn = hip_turn @ rotation(zero, pitch + knee, zero)
-    foot_turn = hip_turn @ rotation(ankle_roll, pitch + knee + ankle_pitch, zero)
+    hip_turn = rotation(roll, 0, yaw)  # [..., 3, 3]
+    thigh_turn = hip_turn @ rotation(0, pitch, 0)
+    shin_turn = hip_turn @ rotation(0, pitch + knee, 0)
+    foot_turn = hip_turn @ rotation(ankle_roll, pitch + knee + ankle_pitch, 0)
     hip = robot.hip_x * hip_turn[..., 0]  # the axis of hip pitch; [..., 0]: first column, x
     knee_point = hip - robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     ankle = knee_point - robot.shin_length * shin_turn[..., 2]
-    heel = ankle + foot_turn @ np.array([-robot.foot_back, 0, -robot.ankle_height])
-    toe = ankle + foot_turn @ np.array([robot.foot_front, 0, -robot.ankle_height])
+    heel = ankle + foot_turn @ [-robot.foot_back, 0, -robot.ankle_height]
+    toe = ankle + foot_turn @ [robot.foot_front, 0, -robot.ankle_height]
     return np.stack([hip, knee_point, ankle, heel, toe], -2), foot_turn
 
 
@@ -341,16 +341,16 @@ def leg_inverse(robot, position, foot_turn):
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
     #     | −cos roll·sin s       sin roll       cos roll·cos s |
-    zero = np.zeros_like(ankle_roll)
-    roll_back = rotation(-ankle_roll, zero, zero)
+    roll_back = rotation(-ankle_roll, 0, 0)
     M = foot_turn @ roll_back
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
     # So far the hip was where yaw and roll turn. The axis of hip pitch is hip_x ahead of there, along
-    # the x axis of a frame that is turned by −s before the ankle rolls: (cos s, 0, sin s).
-    ahead = np.stack([np.cos(pitches), zero, np.sin(pitches)], -1)  # [..., 3]
-    rx, ry, rz = np.moveaxis(r + robot.hip_x * (roll_back @ ahead[..., None])[..., 0], -1, 0)
+    # the x axis (the first column) of a frame that is turned by −s before the ankle rolls: there it is
+    # (cos s, 0, sin s).
+    ahead = (roll_back @ rotation(0, -pitches, 0))[..., 0]  # [..., 3]
+    rx, ry, rz = np.moveaxis(r + robot.hip_x * ahead, -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive.
@@ -385,11 +385,9 @@ def body_inverse(robot, trunk, feet, planar=False):
     height = feet[..., 2] + robot.ankle_height - trunk[..., 2]  # ankle above trunk
     ankle = np.stack([x, y, height], -1)  # [..., 2, 3]
     # From the level frame into the leaning one: p ← Rᵀ·p, foot's rotation ← Rᵀ·Rz(yaw)
-    roll, pitch = trunk[..., 3], trunk[..., 4]  # [..., 1 or 2]
-    lean = rotation(roll, pitch, 0 * roll)  # [..., 1 or 2, 3, 3]
-    zero = np.zeros_like(height)
+    lean = rotation(trunk[..., 3], trunk[..., 4], 0)  # [..., 1 or 2, 3, 3]
     ankle = (ankle[..., None, :] @ lean)[..., 0, :]
-    foot_turn = lean.swapaxes(-1, -2) @ rotation(zero, zero, yaw)
+    foot_turn = lean.swapaxes(-1, -2) @ rotation(0, 0, yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
@@ -401,9 +399,8 @@ def body_points(robot, torso, joints):
     """
     base = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
     points, foot_turn = leg_points(robot, joints.reshape(*joints.shape[:-1], 2, 6))
-    points = points + robot.hips[:, None]
     # points @ Rᵀ turns every row p into R·p.
-    world = points @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
+    world = (points + robot.hips[:, None]) @ base.swapaxes(-1, -2) + torso[..., None, None, :3]
     return world, base @ foot_turn
 
 
@@ -433,21 +430,21 @@ def fallen(torso, standing_height):
 
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, foot_turn = body_points(robot, torso, joints)  # hip, knee, ankle, …: [K, 2, 5, 3]
+    points, foot_turn = body_points(robot, torso, joints)
     turn = rotation(*torso[:, 3:].T)  # [K, 3, 3]
-    upper = robot.torso.mass * np.array(robot.torso.com) + robot.hip.mass * robot.hips.sum(0)
-    mass = robot.torso.mass + 2 * robot.hip.mass  # [kg] of these parts, which move together
-    # The centres of thigh and shin are on the lines between their joints, so each end gets a share
-    # of the mass. That of a foot is seen from the ankle. (The outward offsets of parallel feet
-    # cancel.)
-    thigh, shin, foot = robot.thigh.mass, robot.shin.mass, robot.foot.mass
-    at_knee = thigh * -robot.thigh.com[2] / robot.thigh_length
-    at_ankle = shin * -robot.shin.com[2] / robot.shin_length
-    parts = [thigh - at_knee, at_knee + shin - at_ankle, at_ankle + foot]  # [3] [kg]
-    x, _, z = robot.foot.com
-    legs = parts @ points[:, :, :3] + foot * foot_turn @ [x, 0, z]  # [K, 2, 3]
-    whole = mass * torso[:, :3] + turn @ upper + legs.sum(1)
-    return whole / (mass + 2 * sum(parts))
+    # Half way between both legs  [K, 3] each
+    hip, knee, ankle, _, _ = points.mean(1).swapaxes(0, 1)
+    x, _, z = robot.foot.com  # the outward offsets of parallel feet cancel
+    centres = [  # of the torso, and half way between both hips, thighs, shins, feet  [K, 3] each
+        torso[:, :3] + turn @ robot.torso.com,
+        torso[:, :3] + turn @ robot.hips.mean(0),
+        hip + robot.thigh.com[2] / robot.thigh_length * (hip - knee),  # on the line of the joints
+        knee + robot.shin.com[2] / robot.shin_length * (knee - ankle),
+        ankle + foot_turn.mean(1) @ [x, 0, z],
+    ]
+    pairs = robot.hip, robot.thigh, robot.shin, robot.foot
+    masses = [robot.torso.mass, *(2 * link.mass for link in pairs)]
+    return np.average(centres, 0, masses)
 
 
 # ------------------------------------------------------------------------ demonstration
@@ -473,18 +470,19 @@ def plot_standing(robot, standing, path):
         "foot_width": (edge, edge + [0, robot.foot_width, 0]),
     }
     figure, panels = plt.subplots(1, 2, figsize=(9, 5.9), sharey=True)
-    for panel, azimuth, lengths in zip(panels, (-90, 180), (side, behind)):
+    titles = "from its right side, lengths in mm", "from behind"
+    for panel, title, azimuth, lengths in zip(panels, titles, (-90, 180), (side, behind)):
         camera = camera_at(azimuth, 0)
         draw_robots(panel, robot, torso[None], joints[None], camera)
-        for height, (name, ends) in zip(np.linspace(0.3, -0.05, len(lengths)), lengths.items()):
-            seen = np.array(ends) @ camera[1:].T  # [2, 2]
-            panel.plot(*seen.T, "k.-")
-            text = f"{name} {1000 * np.linalg.norm(ends[1] - ends[0]):.0f}"
+        height = 0.35  # of the first name [m]
+        for name, (start, end) in lengths.items():
+            _, right, up = camera @ np.transpose([start, end])  # [2] each
+            panel.plot(right, up, "k.-")
+            text = f"{name} {1000 * np.linalg.norm(end - start):.0f}"
             line = {"arrowstyle": "-", "color": "0.5"}
-            panel.annotate(text, seen.mean(0), (0.18, height), va="center", arrowprops=line)
-        panel.set(aspect="equal", xlim=(-0.3, 0.42), xlabel="[m]")
-    panels[0].set(title="from its right side, lengths in mm", ylabel="[m]")
-    panels[1].set(title="from behind")
+            panel.annotate(text, (right.mean(), up.mean()), (0.18, height), arrowprops=line)
+            height -= 0.09
+        panel.set(title=title, aspect="equal", xlim=(-0.3, 0.42), xlabel="[m]", ylabel="[m]")
     save_figure(figure, path)
 
 
@@ -550,14 +548,13 @@ class Simulator:
     """
 
     planar = False  # do the robots live in the sagittal plane?
-    LEAD = 1  # a tick gets the target of its beginning (0), or of its end (1)
+    TARGETS = slice(1, None)  # of the samples: a tick gets the target of its end
 
     def __init__(self, num_robots, standing, robot):
         check_robot(robot)
         self.robot = robot
         self.standing = standing  # torso [6], joints [12], see `stance`
-        self.delay = np.zeros(num_robots, int)  # [ticks] 0 or 1
-        self.zero = np.zeros((num_robots, 12))  # [rad]
+        self.body = Body.as_model(robot, num_robots)
         self.last = np.zeros((num_robots, 2, 12))  # joint targets of the last tick, and their rates
 
     def reset(self, robots, body=None):
@@ -565,8 +562,8 @@ class Simulator:
         self.last[robots] = self.standing[1], np.zeros(12)
         if body is not None:
             check(body, above_zero=("mass",), may_be_negative=("zero", "com"))
-            self.delay[robots] = body.delay
-            self.zero[robots] = body.zero
+            for name, values in vars(body).items():
+                getattr(self.body, name)[robots] = values
         self.place(robots, body)
 
     def run(self, robots, plan, disturbance=None):
@@ -584,12 +581,12 @@ class Simulator:
             samples, added = plan.targets(self.robot, rows, tick, tilt, rates)
             speeds = np.diff(samples, axis=1) / self.robot.control_dt  # [k, ticks, 12] [rad/s]
             end = tick + speeds.shape[1]
-            angles = samples[:, self.LEAD :][:, : end - tick] + added
+            angles = samples[:, self.TARGETS] + added
             now = np.stack([angles, speeds], 2)  # [k, ticks, 2, 12]
             late = np.concatenate([self.last[on][:, None], now[:, :-1]], 1)  # by a tick
             self.last[on] = now[:, -1]
-            sent = np.where(self.delay[on, None, None, None], late, now)
-            sent[:, :, 0] += self.zero[on, None]
+            sent = np.where(self.body.delay[on, None, None, None], late, now)
+            sent[:, :, 0] += self.body.zero[on, None]
             part = np.repeat(states[-1][:, -1:], end - tick, 1)  # who has ended stays as it is
             part[rows] = self.advance(on, sent, disturbance.push[rows, tick:end])
             states.append(part)
@@ -729,8 +726,8 @@ class MujocoSim(Simulator):
     the knee is 4 ms late, the other joints are 1.5 ms early. The targets' rates are not used.
 
     model: another MuJoCo model of a robot with a free joint, our twelve joints and their servos, in
-    our order, whose soles and floor touch as pairs; parts: the names of its bodies to which the
-    columns of `Body.mass` belong, the torso first.
+    our order, whose soles and floor touch as pairs; parts: its bodies, by name or number, to which
+    the columns of `Body.mass` belong, the torso first (ours are numbered so; 0 is the world).
     """
 
     # Columns of MuJoCo's state [38]; from 20 on velocities: of the position, angular velocity about
@@ -740,16 +737,8 @@ class MujocoSim(Simulator):
     TURN = slice(4, 8)  # a quaternion
     ANGLES = slice(8, 20)
     OMEGA = slice(23, 26)
-    PARTS = (
-        "torso",
-        *(
-            f"{leg} {link}"
-            for leg in ("left", "right")
-            for link in ("hip", "thigh", "shin", "foot")
-        ),
-    )
 
-    def __init__(self, num_robots, standing, robot, cores=None, model=None, parts=PARTS):
+    def __init__(self, num_robots, standing, robot, cores=None, model=None, parts=range(1, 10)):
         import mujoco.rollout  # only here: everything else works without MuJoCo
 
         super().__init__(num_robots, standing, robot)
@@ -836,17 +825,15 @@ class MujocoSim(Simulator):
 # ------------------------------------------------------------------------ pymunk, planar
 def planar_links(robot):
     """The seven bodies: torso with both hips' motors; left thigh, shin, foot; the right ones."""
-    parts = [(robot.torso, 0.0), (robot.hip, robot.hip_z), (robot.hip, robot.hip_z)]
-    mass = sum(link.mass for link, _ in parts)
-    x = sum(link.mass * link.com[0] for link, _ in parts) / mass
-    z = sum(link.mass * (link.com[2] + height) for link, height in parts) / mass
-    # Parallel axes: I = Σ (Iᵢ + mᵢ·(zᵢ² + xᵢ²)), zᵢ and xᵢ from the common centre of mass
-    pitch = sum(
-        link.inertia[1]
-        + (link.mass * (link.com[2] + height - z) ** 2 + link.mass * (link.com[0] - x) ** 2)
-        for link, height in parts
-    )
-    torso = Link(mass, (x, 0, z), (pitch, pitch, pitch))  # only the one about y is used
+    parts = robot.torso, robot.hip, robot.hip
+    mass = np.array([link.mass for link in parts])
+    centres = np.array([link.com for link in parts])  # [3, 3] in the torso's frame
+    centres[1:, 2] += robot.hip_z
+    x, _, z = centre = np.average(centres, 0, mass)
+    # Parallel axes: I = Σ (Iᵢ + mᵢ·(xᵢ² + zᵢ²)), xᵢ and zᵢ from the common centre of mass
+    away = ((centres - centre) ** 2)[:, [0, 2]].sum(1)  # [3] [m²]
+    pitch = sum([link.inertia[1] for link in parts] + mass * away)
+    torso = Link(mass.sum(), (x, 0, z), (pitch,) * 3)  # only the one about y is used
     return torso, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
@@ -870,8 +857,8 @@ class PymunkSim(Simulator):
     """
 
     planar = True
-    LEAD = 0
-    PARENT = (0, 1, 2, 0, 4, 5)  # of the bodies 1…6: left and right thigh, shin, foot; 0: torso
+    TARGETS = slice(-1)  # a tick gets the target of its beginning, see `advance`
+    PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
     MASS = [0, 2, 3, 4, 6, 7, 8]  # of the bodies in Body.mass; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot, cores=None):
@@ -887,22 +874,17 @@ class PymunkSim(Simulator):
         self.bodies = [None] * num_robots  # seven of each robot
         self.motors = [None] * num_robots  # six of each robot
         self.state = np.zeros((num_robots, 10))  # see `_read`
-        self.centre = np.zeros((num_robots, 2))  # x, z [m] of torso and hips, in the torso's frame
         self.pose = np.zeros((num_robots, 3))  # x, y [m], yaw ψ [rad] of the torso in the world
         self.yaw_rate = np.zeros(num_robots)  # ψ̇ [rad/s]
         self.lost = np.zeros(num_robots, bool)  # diverged
-        self.body = Body.as_model(robot, num_robots)
         self.reset(np.arange(num_robots))
 
     def place(self, robots, body):
         """See `Simulator`."""
-        if body is not None:
-            for name, values in vars(body).items():
-                getattr(self.body, name)[robots] = values
         torso = self.links[0]
         part = self.robot.torso.mass / torso.mass  # the hips' motors do not move with `com`
-        self.centre[robots] = torso.com[0], torso.com[2]
-        self.centre[robots] += part * self.body.com[robots][:, [0, 2]]
+        # Centre of mass of torso and hips in the torso's frame: x, z ([::2]) [m]  [N, 2]
+        self.centre = torso.com[::2] + part * self.body.com[:, ::2]
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
             self.spaces[i], self.bodies[i], self.motors[i] = self._build(i)
         self.pose[robots] = 0
@@ -928,7 +910,7 @@ class PymunkSim(Simulator):
         for k, (link, point, pitch) in enumerate(zip(self.links, points, pitches)):
             mass = link.mass * self.body.mass[i, self.MASS[k]]
             body = pymunk.Body(mass, link.inertia[1] * mass / link.mass)
-            x, z = self.centre[i] if k == 0 else (link.com[0], link.com[2])
+            x, z = self.centre[i] if k == 0 else link.com[::2]
             # pymunk counts from the centre of mass: put it at the joint, turn it, then move it to
             # where the link's (x, z) is, so that the joint comes to be at `point`.
             body.angle = -pitch
@@ -964,19 +946,16 @@ class PymunkSim(Simulator):
         return space, bodies, motors
 
     def _read(self, robots):
-        """The torso's x, z [m] and turning rate [rad/s], then the pitches of all seven bodies [rad]:
+        """The torso's x, z [m], turning rate [rad/s] and pitch, then the six joint angles [rad]:
         [n, 10]."""
         rows = []
         for i in robots:
             torso = self.bodies[i][0]
             pitches = [-body.angle for body in self.bodies[i]]
             rows.append([*torso.position, -torso.angular_velocity, *pitches])
-        return np.array(rows)
-
-    def _angles(self, states):
-        """Sagittal joint angles [..., 6] of states [..., 10]: pitch of a link − its parent's."""
-        pitch = states[..., 3:]
-        return pitch[..., 1:] - pitch[..., self.PARENT]
+        states = np.array(rows)
+        states[:, 4:] -= states[:, 3 + self.PARENT]  # a joint's angle: pitch − parent's pitch
+        return states
 
     def imu(self, robots):
         """See `Simulator`; the plane has no roll."""
@@ -991,45 +970,48 @@ class PymunkSim(Simulator):
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         dt = robot.control_dt / robot.substeps  # [s]
-        states = np.empty((*push.shape[:2], 10))
-        for t, (angles, rates) in enumerate(targets[..., SAGITTAL].transpose(1, 2, 0, 3)):
-            error = angles - self._angles(self.state[robots])  # [n, 6]
-            speeds = np.clip(rates + gain * error, -limit, limit)
-            for i, row, ahead in zip(robots, speeds.tolist(), push[:, t, 0].tolist()):
+        states = []
+        for (angles, rates), forces in zip(
+            targets[..., SAGITTAL].transpose(1, 2, 0, 3), push[..., 0].T
+        ):
+            last = self.state[robots]  # [n, 10]
+            speeds = np.clip(rates + gain * (angles - last[:, 4:]), -limit, limit)  # [n, 6]
+            for i, row, force in zip(robots, speeds.tolist(), forces.tolist()):
                 for motor, speed in zip(self.motors[i], row):
                     motor.rate = speed
                 for _ in range(0 if self.lost[i] else robot.substeps):
-                    if ahead:  # a force on the torso, in this step only
-                        self.bodies[i][0].force = ahead, 0
+                    if force:  # in this step only
+                        self.bodies[i][0].force = force, 0
                     self.spaces[i].step(dt)
-            states[:, t] = self._read(robots)
-            lost = ~(np.abs(states[:, t]) < 1e4).all(1)  # diverged; nan < 1e4 is False, too
-            states[lost, t] = self.state[robots][lost]  # where it was last seen
+            now = self._read(robots)
+            lost = ~(np.abs(now) < 1e4).all(1)  # diverged; nan < 1e4 is False, too
+            now[lost] = last[lost]  # where it was last seen
             self.lost[robots] |= lost
-            self.state[robots] = states[:, t]
-        return states
+            self.state[robots] = now
+            states.append(now)
+        return np.stack(states, 1)
 
     def motion(self, robots, plan, states, ticks):
         """See `Simulator`. (No plan waits on the plane: all robots need the same ticks.)"""
         trunk = plan.trunk[..., GROUND]
         wanted = relative(trunk[:, :-1], trunk[:, 1:])  # [n, T, 3] ahead, sideways, yaw per tick
         yaw = self.run_yaw(wanted[..., 2], robots)  # [n, T + 1]
-        # The torso frame is below the centre of its body, at (down, back) in the body's axes:
-        # x −= down·sin pitch + ahead·cos pitch,   z −= down·cos pitch − ahead·sin pitch
-        x, z, rate, pitch = np.moveaxis(states[..., :4], -1, 0)  # [n, T + 1] each
-        ahead, down = self.centre[robots].T[..., None]  # [n, 1] each [m]
-        x = x - (down * np.sin(pitch) + ahead * np.cos(pitch))
-        z = z - (down * np.cos(pitch) - ahead * np.sin(pitch))
+        pitch = states[..., 3]  # [n, T + 1]
+        # From the centre of the torso's body down to the torso's frame. (A positive pitch turns z
+        # towards x, a positive angle of `turned` the first axis towards the second: here x to z.)
+        frame = states[..., :2] - turned(self.centre[robots, None], -pitch)  # [n, T + 1, 2]
+        x, z = np.moveaxis(frame, -1, 0)
         moved = np.stack([np.diff(x), wanted[..., 1]], -1)  # [n, T, 2] x: measured, y: commanded
         position = self.pose[robots, None, :2] + turned(moved, yaw[:, :-1]).cumsum(1)
         others = np.stack([z, 0 * z, pitch, yaw], -1)[:, 1:]  # z, roll, pitch, yaw
         torso = np.concatenate([position, others], -1)  # [n, T, 6]
         self.pose[robots] = torso[:, -1, GROUND]
         joints = plan.joints[:, 1:].copy()
-        joints[..., SAGITTAL] = self._angles(states[:, 1:])
+        joints[..., SAGITTAL] = states[:, 1:, 4:]
         # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-        pitch, yaw_rate = pitch[:, -1], self.yaw_rate[robots]
-        omega = [-yaw_rate * np.sin(pitch), rate[:, -1], yaw_rate * np.cos(pitch)]
+        rate, pitch = states[:, -1, 2:4].T  # [n] each
+        yaw_rate = self.yaw_rate[robots]
+        omega = [-yaw_rate * np.sin(pitch), rate, yaw_rate * np.cos(pitch)]
         return torso, joints, np.stack(omega, -1), self.lost[robots]
 
     def run_yaw(self, turn, robots):
@@ -1095,19 +1077,18 @@ def draw_robots(axes, robot, torso, joints, camera):
     """One robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as measured;
     camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one.
     """
-    points, _ = body_points(robot, torso, joints)  # [K, 2, 5, 3]
-    turn = rotation(*torso[:, 3:].T).swapaxes(1, 2)  # [K, 3, 3]
-    upper = torso[:, None, None, :3] + UPPER_ENDS @ turn[:, None]  # [K, 3, 2, 3]
-    # From hip to knee, knee to ankle, heel to toe of both legs  [K, 6, 2, 3]
-    legs = points[:, :, [[0, 1], [1, 2], [3, 4]]].reshape(-1, 6, 2, 3)
-    seen = np.concatenate([upper, legs], 1) @ camera.T  # [K, 9, 2, 3] first: towards the camera
-    count = len(torso)
-    # The earliest moment first, then the farthest line: it is as near as the nearer of its ends.
-    for k, j in sorted(np.ndindex(count, 9), key=lambda kj: (kj[0], seen[kj][:, 0].max())):
-        start, end = seen[k, j, :, 1:]
-        color, radius = LINES[j]
-        color = 1 - (1 - np.array(to_rgb(color))) * (k + 1) / count
-        axes.fill(*capsule(start, end, radius).T, color=color, ec=color / 2, lw=0.6)
+    for k, (pose, angles) in enumerate(zip(torso, joints), 1):
+        upper = pose[:3] + UPPER_ENDS @ rotation(*pose[3:]).T  # [3, 2, 3]
+        points, _ = body_points(robot, pose, angles)  # [2, 5, 3]
+        # From hip to knee, knee to ankle, heel to toe of both legs  [6, 2, 3]
+        legs = points[:, [[0, 1], [1, 2], [3, 4]]].reshape(6, 2, 3)
+        seen = np.concatenate([upper, legs]) @ camera.T  # [9, 2, 3] first: towards the camera
+        # The farthest line first: it is as near as the nearer of its ends.
+        for j in seen[:, :, 0].max(1).argsort():
+            color, radius = LINES[j]
+            color = 1 - (1 - np.array(to_rgb(color))) * k / len(torso)
+            outline = capsule(*seen[j, :, 1:], radius)
+            axes.fill(*outline.T, color=color, ec=color / 2, lw=0.6)
 
 
 def draw_ground(axes, camera, size=2):
@@ -1159,12 +1140,13 @@ def check(settings, above_zero=(), may_be_negative=()):
             numbers = np.array(value, float)
         except (TypeError, ValueError):
             numbers = np.array(np.nan)
-        right = np.isfinite(numbers).all()
-        right &= field.type not in (int, float) or numbers.ndim == 0
-        right &= field.type is not int or numbers % 1 == 0
-        right &= field.name in may_be_negative or (numbers >= 0).all()
-        right &= field.name not in above_zero or (numbers > 0).all()
-        if not right:
+        if (
+            not np.isfinite(numbers).all()
+            or (field.type in (int, float) and numbers.ndim)
+            or (field.type is int and numbers % 1)
+            or (field.name not in may_be_negative and (numbers < 0).any())
+            or (field.name in above_zero and (numbers == 0).any())
+        ):
             raise ValueError(f"{type(settings).__name__}: {field.name} cannot be {value!r:.80}")
 
 
@@ -1197,10 +1179,12 @@ def stage_parser(doc):
         action="store_const",
         const="mujoco",
         default="pymunk",
-        help="3-D instead of the sagittal plane",
+        help="Simulate the robot in 3-D (MuJoCo) instead of on the plane (pymunk).",
     )
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same numbers")
-    parser.add_argument("--out", type=Path, help="folder to write to; runs/<sim>/")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="The same seed gives the same numbers (default 0)."
+    )
+    parser.add_argument("--out", type=Path, help="Write into this folder (default runs/<sim>/).")
     return parser
 
 
@@ -1261,8 +1245,8 @@ def start(main):
     be used, and Ctrl-C; and a reader like `head` may stop reading. A notebook's own figures go on
     as before."""
     sys.stderr = sys.stderr or open(os.devnull, "w")  # pythonw has none
-    for stream in filter(None, (sys.stdout, sys.stderr)):
-        if hasattr(stream, "reconfigure"):  # those of a notebook and of IDLE have no such method
+    for stream in sys.stdout, sys.stderr:
+        if hasattr(stream, "reconfigure"):  # None, and those of a notebook and of IDLE, have none
             stream.reconfigure(errors="replace")  # a Windows pipe may be unable to encode α
     os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
     backend = matplotlib.get_backend(auto_select=False)  # None: not chosen yet

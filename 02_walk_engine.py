@@ -51,7 +51,6 @@ the planar robot cannot fall sideways.
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
 
-import math
 from dataclasses import dataclass, replace
 from importlib import import_module
 
@@ -221,10 +220,9 @@ class WalkPlan(robot_model.Trajectory):
 
     @property
     def longest(self):
-        """How many ticks it may be late: whole readings of the IMU."""
+        """How many ticks it may be late."""
         p = self.engine.parameters
-        readings = math.ceil(p.longest_wait_ticks / robot_model.READ_EVERY)
-        return readings * robot_model.READ_EVERY if p.wait else 0
+        return p.longest_wait_ticks if p.wait else 0
 
     @property
     def most_ticks(self):
@@ -259,7 +257,7 @@ class WalkPlan(robot_model.Trajectory):
         trunk = self.trunk[rows[:, None], at][:, :, None].repeat(2, 2)
         trunk[..., 3:5] += answer[:, None, :, 1:]
         feet = self.feet[rows[:, None], at]
-        moved = np.stack([0 * answer[..., 0], answer[..., 0]], -1)[:, None]  # [k, 1, 2, 2] x, y
+        moved = answer[:, None, :, :1] * [0, 1]  # [k, 1, 2, 2] x, y
         feet[..., :2] += robot_model.turned(moved, trunk[..., 5])
         return robot_model.body_inverse(robot, trunk, feet, self.engine.planar), added
 
@@ -364,14 +362,14 @@ class WalkEngine:
         ]
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
         half = self.parameters.half_ticks  # the tick when the support foot changes
-        feet = np.zeros((len(left), 2 * half + 1, 2, 4))
-        feet[:, : half + 1, LEFT] = self._swing(left, new_left)
-        feet[:, half:, LEFT, [0, 1, 3]] = new_left[:, None]  # x, y, yaw; z stays 0
-        feet[:, :half, RIGHT, [0, 1, 3]] = right[:, None]
+        feet = np.zeros((len(left), self.period_ticks + 1, 2, 4))
+        # Where a foot stands, after its swing or before it: x, y, yaw; z stays 0
+        feet[..., [0, 1, 3]] = np.stack([new_left, right], 1)[:, None]
+        feet[:, :half, LEFT] = self._swing(left, new_left)[:, :-1]
         feet[:, half:, RIGHT] = self._swing(right, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         joints = robot_model.body_inverse(self.robot, trunk, feet, self.planar)
-        gain = np.zeros((len(left), 2 * half, 2))
+        gain = np.zeros((len(left), self.period_ticks, 2))
         gain[:, :half, RIGHT] = self.parameters.reflex  # of the support foot
         gain[:, half:, LEFT] = self.parameters.reflex
         return WalkPlan(joints, trunk, feet, gain, np.asarray(robots), self)
@@ -405,7 +403,7 @@ class WalkEngine:
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
-        time = np.arange(2 * p.half_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
+        time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
         state = self.trunk[robots]  # [n, 6, 3]
         path = np.empty((len(state), 6, len(time)))
@@ -474,7 +472,7 @@ def walk_plans(
     double step disturb(disturbance, robots) may change the Disturbance of these robots [n]; after
     it watch(engine, motion) is called.
     """
-    footsteps = np.asarray(footsteps, float)
+    footsteps = np.asarray(footsteps)
     n, count = footsteps.shape[:2]
     engine, simulator = walkers(sim, n, parameters, **more)
     simulator.reset(np.arange(n), body)
@@ -524,8 +522,7 @@ def pushed(sim, parameters, speed, count=12):
             for push, first in zip(disturbance.push, moments):
                 push[first : first + PUSH_TICKS, 0] = push_force(engine.robot, speed)
         motion = simulator.run(robots, plan, disturbance)
-        roll, pitch = motion.torso[..., 3], motion.torso[..., 4]
-        tilts.append(np.arccos(np.cos(roll) * np.cos(pitch)))  # as in `fallen`
+        tilts.append(np.arccos(np.cos(motion.torso[..., 3:5]).prod(-1)))  # as in `fallen`
         fell |= motion.fell
     simulator.close()
     return np.concatenate(tilts, 1), fell
@@ -534,18 +531,13 @@ def pushed(sim, parameters, speed, count=12):
 def plot_push(tilts, engine, path, title):
     """Tilt over time of all robots of `pushed`, [count, T] by the name of their answers."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
-    for tilt, style in zip(
-        tilts.values(), (("tab:red", ":"), ("tab:orange", "--"), ("tab:green",))
-    ):
+    for (name, tilt), style in zip(tilts.items(), ("C3:", "C1--", "C2-")):
         time = np.arange(tilt.shape[1]) * engine.robot.control_dt
-        axis.plot(time, np.degrees(tilt).T, *style[1:], color=style[0], lw=0.9)
-    axis.axvspan(engine.period, 2 * engine.period, color="0.9")
-    axis.axhline(45, color="black", ls=":")
-    axis.legend(
-        [*axis.lines[:: len(tilt)], axis.patches[0]],
-        [*tilts, "fallen", "each is pushed once in here"],
-        loc="upper left",
-    )
+        lines = axis.plot(time, np.degrees(tilt).T, style, lw=0.9)
+        lines[0].set_label(name)
+    axis.axhline(45, color="black", ls=":", label="fallen")
+    axis.axvspan(engine.period, 2 * engine.period, color="0.9", label="each is pushed once in here")
+    axis.legend(loc="upper left")
     axis.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
     robot_model.save_figure(figure, path)
 
@@ -554,26 +546,25 @@ def plot_plan(engine, plan, motion, path):
     """A robot's double step over time: trunk and soles, planned and measured."""
     robot, time = engine.robot, np.arange(len(plan.trunk[0])) * engine.robot.control_dt
     walked = np.arange(1, motion.ticks[0] + 1) * robot.control_dt  # longer, if it waits
-    torso = motion.torso[0] + [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]  # plan's origin
+    torso = motion.torso[0, :, :2] + [engine.parameters.trunk_x_offset, 0]  # plan's origin
     points, turn = robot_model.body_points(robot, motion.torso[0], motion.joints[0])
     # The lowest point of a sole [T, 2]: heel or toe, and the edge to which the foot tilts
     soles = points[:, :, 3:, 2].min(-1) - robot.foot_width / 2 * np.abs(turn[..., 2, 1])
     figure, axes = plt.subplots(1, 3, figsize=(12, 3.8))
     titles = "forward: x [m]", "sideways: y [m]", "height of the soles: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
-        for foot, name in enumerate(("left foot", "right foot")):
-            color = robot_model.COLORS[foot]
-            axis.plot(time, plan.feet[0, :, foot, k], color=color, label=f"{name}, planned")
+        for foot, color in enumerate(robot_model.COLORS):
+            side = ("left", "right")[foot]
+            axis.plot(time, plan.feet[0, :, foot, k], color, label=f"{side} foot, planned")
             if k == 2:
-                axis.plot(walked, soles[:, foot], "--", color=color, label=f"{name}, measured")
+                axis.plot(walked, soles[:, foot], "--", c=color, label=f"{side} foot, measured")
         if k < 2:
             axis.plot(time, plan.trunk[0, :, k], "k", label="trunk, planned")
             axis.plot(walked, torso[:, k], "k--", label="torso, measured")
         axis.axvline(engine.half, color="0.7", label="the support foot changes")
         axis.set(title=title, xlabel="time [s]")
-    lines = [*axes[0].lines, *axes[2].lines[1:4:2]]
-    names = [line.get_label() for line in lines]
-    figure.legend(lines, names, loc="outside lower center", ncols=4)
+    lines = {line.get_label(): line for axis in axes for line in axis.lines}  # of each name one
+    figure.legend(lines.values(), lines, loc="outside lower center", ncols=4)
     figure.suptitle("A double step during a walk: the left foot swings, then the right")
     robot_model.save_figure(figure, path)
 

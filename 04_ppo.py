@@ -377,7 +377,7 @@ def train(
         if hasattr(bare, "world"):
             about["fits"] = fingerprint(bare.world, model.shape["obs_dim"])
         about = plain(about)
-        start = copy.deepcopy(policy_file(model, about))
+        start = policy_file(model, about)
         rows, policies = [], {"policy.start.pt": start, "policy.tenth.pt": start}
         if resume:
             rows, policies = load_checkpoint(checkpoint, about, model, optimizer)
@@ -400,7 +400,7 @@ def train(
             rows.append(plain({"steps": steps, "minutes": minutes, **numbers}))
             policies["policy.pt"] = policy_file(model, about | {"minutes": minutes})
             if len(rows) == updates // 10:
-                policies["policy.tenth.pt"] = copy.deepcopy(policies["policy.pt"])
+                policies["policy.tenth.pt"] = policies["policy.pt"]
             stored = {"rows": rows, "policies": policies, "optimizer": optimizer.state_dict()}
             try:
                 save_plain(checkpoint, stored)
@@ -420,7 +420,9 @@ def train(
 def episode_means(infos):
     """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
     ended = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
-    for info in (info for info in infos if "episode" in info):
+    for info in infos:
+        if "episode" not in info:
+            continue
         done = info["_episode"]  # [N] whose episode has ended
         final = info["final_info"]  # that of other environments has no outcome
         final = {"return": info["episode"]["r"], "length": info["episode"]["l"], **final}
@@ -507,8 +509,9 @@ def save_plain(path, stored):
 
 
 def policy_file(model, about):
-    """What a policy's file holds: the model and `about` (plain values)."""
-    return {**about, **model.shape, "sharpness": model.sharpness, "state_dict": model.state_dict()}
+    """What a policy's file holds: the model as it is now, and `about` (plain values)."""
+    weights = copy.deepcopy(model.state_dict())
+    return {**about, **model.shape, "sharpness": model.sharpness, "state_dict": weights}
 
 
 def load_policy(path):
@@ -537,14 +540,14 @@ def load_checkpoint(path, about, model, optimizer):
 
 # ------------------------------------------------------------------------ the picture
 PANELS = {  # title and unit: columns
-    "how walks end [share of walks]": ("success", "timeout"),
-    "falls [share of walks]": ("fall",),
-    "time to the goal [s]": ("time",),
-    "return, not discounted [1]": ("return",),
-    "entropy of the policy, may be < 0 [nats]": ("entropy",),
-    "samples outside of 1 ± ε [share]": ("clip_fraction",),
-    "change of the policy, KL [nats]": ("approx_kl",),
-    "explained variance of the critic [1]": ("explained_variance",),
+    "how walks end [share of walks]": "success timeout",
+    "falls [share of walks]": "fall",
+    "time to the goal [s]": "time",
+    "return, not discounted [1]": "return",
+    "entropy of the policy, may be < 0 [nats]": "entropy",
+    "samples outside of 1 ± ε [share]": "clip_fraction",
+    "change of the policy, KL [nats]": "approx_kl",
+    "explained variance of the critic [1]": "explained_variance",
 }
 
 
@@ -554,7 +557,7 @@ def plot_learning_curve(rows, path, title):
     width = max(1, len(rows) // 20)
     figure, grid = plt.subplots(2, 4, figsize=(16, 6.5))
     for axes, (name, columns) in zip(grid.flat, PANELS.items()):
-        for k, column in enumerate(columns):
+        for k, column in enumerate(columns.split()):
             values = np.array([row.get(column, np.nan) for row in rows])  # nan: not reported
             mean = np.convolve(values, np.full(width, 1 / width), "valid")
             axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}", label=column)
@@ -592,12 +595,21 @@ def gym_envs(env_id, num_envs):
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add("--imu", action="store_true", help="observe the torso's tilt and turning")
-    add("--noise", action=argparse.BooleanOptionalAction, default=True)
-    add("--steps", type=int, help=f"double steps (default {STEPS:,})")
-    add("--quick", action="store_true", help=f"{QUICK_STEPS:,} steps")
-    add("--resume", action="store_true", help="continue a stopped training")
-    add("--env", metavar="ID", help="train on this Gymnasium environment instead")
+    add(
+        "--imu",
+        action="store_true",
+        help="Let the policy also observe the torso's tilt and turning.",
+    )
+    add(
+        "--noise",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="Measure the goal with noise, or exactly.",
+    )
+    add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
+    add("--quick", action="store_true", help=f"Train for {QUICK_STEPS:,} double steps.")
+    add("--resume", action="store_true", help="Continue a training that was stopped.")
+    add("--env", metavar="ID", help="Train on this Gymnasium environment instead of the walk.")
     args = parser.parse_args(argv)
     if args.env and (args.sim == "mujoco" or args.imu):
         parser.error("--env cannot be combined with --mujoco or --imu")
@@ -617,13 +629,23 @@ def main(argv=None):
     variants = ["imu"] * args.imu + ["quick"] * args.quick
     out = robot_model.output_folder(args, task.replace("/", "-").replace(":", "-"), *variants)
     print(f"training on {task}: {steps:,} steps or a few more, seed {args.seed}, into {out}")
-    about = {"fits": {"simulator": task}, "imu": args.imu, "noise": args.noise}
     try:
-        _, rows = train(cfg, make_envs, out, steps, args.seed, args.resume, **about)
+        _, rows = train(
+            cfg,
+            make_envs,
+            out,
+            steps,
+            args.seed,
+            args.resume,
+            fits={"simulator": task},
+            imu=args.imu,
+            noise=args.noise,
+        )
     except KeyboardInterrupt:
         raise InputError("interrupted; --resume continues after the last update") from None
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
-    print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, learning_curve.csv and .png")
+    print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, policy.start.pt, policy.tenth.pt,")
+    print(f"learning_curve.csv and learning_curve.png are in {out}")
     if not args.env:
         flag = " --mujoco" * (args.sim == "mujoco")
         print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')

@@ -162,15 +162,14 @@ class BaselinePlanner:
         self.settings = settings
 
     def reset(self, num_robots):
-        self.velocity = np.zeros((num_robots, 3))  # filtered: v_x, v_y [m/s], ω [rad/s]
-        self.fresh = np.ones((num_robots, 1), bool)  # no command yet
+        # Filtered: v_x, v_y [m/s], ω [rad/s]; nan: no command yet
+        self.velocity = np.full((num_robots, 3), np.nan)
 
     def act(self, view):
         """Actions [n, 6], clipped to the same step limits as the policy's."""
         command = velocity_command(view.goal, self.settings)
-        # The first command is not filtered.
-        last = np.where(self.fresh[view.robots], command, self.velocity[view.robots])
-        self.fresh[view.robots] = False
+        last = self.velocity[view.robots]
+        last = np.where(np.isnan(last), command, last)  # the first command is not filtered
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[view.robots] = velocity
         lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
@@ -230,17 +229,15 @@ def evaluate(planner, world, trials, watch=None):
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
-    time, time_once = np.zeros((2, n))  # [s]
-    reached_once = np.zeros(n, bool)
+    time, time_once = np.zeros((2, n))  # [s] time_once: 0 as long as it was not at the goal
     walking = everybody  # [k] whose trial has not ended
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
             outcome[walking[result[name]]] = name
         time[walking] = result["time"]
-        first = result["inside"] & ~reached_once[walking]  # [k]
+        first = result["inside"] & (time_once[walking] == 0)  # [k]
         time_once[walking[first]] = result["time"][first]
-        reached_once[walking[first]] = True
         if watch:
             watch(walking, result["motion"])
         walking = walking[outcome[walking] == "running"]
@@ -258,7 +255,7 @@ def evaluate(planner, world, trials, watch=None):
         "time": time,
         "steps": steps,
         "still_there": still_there,
-        "reached_once": reached_once,
+        "reached_once": time_once > 0,
         "time_once": time_once,
     }
 
@@ -279,15 +276,16 @@ def record(planner, world, trials):
     ticks of the walk, ends [K] of its K double steps [ticks], and there the feet [K, 2, 3] (x, y,
     yaw).
     """
-    seen = []
-    ended = evaluate(planner, world, trials, watch=lambda *step: seen.append(step))
+    steps = [[] for _ in trials.goals]  # of every robot: torso and joints in each double step
+
+    def watch(robots, motion):
+        for i, torso, joints, ticks in zip(robots, motion.torso, motion.joints, motion.ticks):
+            steps[i].append((torso[:ticks], joints[:ticks]))
+
+    ended = evaluate(planner, world, trials, watch)
     for i, goal in enumerate(trials.goals):
-        own = [(motion, [*robots].index(i)) for robots, motion in seen if i in robots]
-        torso, joints = (
-            np.concatenate([vars(motion)[name][row, : motion.ticks[row]] for motion, row in own])
-            for name in ("torso", "joints")
-        )
-        ends = np.cumsum([motion.ticks[row] for motion, row in own])
+        torso, joints = map(np.concatenate, zip(*steps[i]))
+        ends = np.cumsum([len(torso) for torso, _ in steps[i]])
         last = torso[ends - 1], joints[ends - 1]
         yield {
             "goal": goal,
@@ -372,16 +370,6 @@ def plot_footsteps(robot, columns, path):
     robot_model.save_figure(figure, path)
 
 
-def draw_scene(axes, robot, goal, feet, torso, joints, title):
-    """A robot on its way, torso [6], joints [12]; what was drawn before goes."""
-    camera = robot_model.camera_at()
-    axes.clear()
-    robot_model.draw_ground(axes, camera, 4)
-    robot_model.draw_way(axes, robot, goal, feet, camera)
-    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
-    axes.set_title(title, parse_math=False)
-
-
 def plot_race(robot, walks, path, every=10, more=lambda axes: None):
     """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
     is drawn every so many ticks; more(axes) may add to it.
@@ -397,12 +385,12 @@ def plot_race(robot, walks, path, every=10, more=lambda axes: None):
 
     def draw(tick):
         for panel, (name, walk) in zip(axes[0], walks.items()):
-            ticks = len(walk["torso"])
-            now = min(tick, ticks - 1)
+            now = min(tick, len(walk["torso"]) - 1)
             feet = walk["feet"][walk["ends"] <= now + 1]
             title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
             torso, joints = walk["torso"][now], walk["joints"][now]
-            draw_scene(panel, robot, walk["goal"], feet, torso, joints, f"{name}\n{title}")
+            env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
+            panel.set_title(f"{name}\n{title}", parse_math=False)
             more(panel)
             panel.axis([left, right, low, high])
 
@@ -416,12 +404,13 @@ def plot_race(robot, walks, path, every=10, more=lambda axes: None):
 # ------------------------------------------------------------------------ to play with
 def open_window():
     """An empty figure on the screen, and its axes."""
+    plt.rcParams["toolbar"] = "None"  # every picture sets its own axes, so nobody can zoom
     for backend in ("MacOSX", "QtAgg", "TkAgg"):
         try:
             plt.switch_backend(backend)
         except ImportError:
             continue
-        figure, axes = plt.subplots(figsize=(9, 7))
+        figure, axes = plt.subplots(num="Click a goal, and the robot walks there", figsize=(9, 7))
         # matplotlib's own keys would move the picture
         figure.canvas.mpl_disconnect(figure.canvas.manager.key_press_handler_id)
         return figure, axes
@@ -448,18 +437,12 @@ def play(world, planners, speed):
         """A place in the picture as a place on the ground, x, y [m]."""
         return np.linalg.solve(camera[1:, :2], place)
 
-    axes.format_coord = lambda *place: "x {:.2f} m, y {:.2f} m".format(*ground(*place))
-
-    def meant(event):
-        """Is it a goal, not a use of the window's own tools?"""
-        return event.inaxes and not getattr(figure.canvas.toolbar, "mode", "")
-
     def press(event):
-        pressed[:] = ground(event.xdata, event.ydata) if meant(event) else np.nan
+        pressed[:] = ground(event.xdata, event.ydata) if event.inaxes else np.nan
 
     def release(event):
         nonlocal clock, arrived
-        if meant(event) and np.isfinite(pressed[0]):
+        if event.inaxes and np.isfinite(pressed[0]):
             x, y = ground(event.xdata, event.ydata) - pressed
             yaw = math.atan2(y, x) if x or y else world.pose[0, 2]  # was it dragged?
             goal[:] = *pressed, yaw
@@ -467,9 +450,8 @@ def play(world, planners, speed):
             clock, arrived = 0, False
 
     def disturb(disturbance, robots):
-        if " " in keys:
-            force = env.walk_engine.push_force(engine.robot, speed)
-            disturbance.push[0, : env.walk_engine.PUSH_TICKS] = force * push
+        force = env.walk_engine.push_force(engine.robot, speed)  # [N]
+        disturbance.push[0, : env.walk_engine.PUSH_TICKS] = force * push
 
     connect = figure.canvas.mpl_connect
     connect("button_press_event", press)
@@ -503,14 +485,15 @@ def play(world, planners, speed):
             f"{'arrived after ' if arrived else ''}{clock:.1f} s\n{pushes} pushes, {falls} falls"
         )
         for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
-            draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints, title)
+            env.draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints)
+            axes.set_title(title, parse_math=False)
             if push.any():
                 start = torso[:3] - [*(0.4 * push), 0]
                 axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
             plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
-        last = motion.torso[:, -1], motion.joints[:, -1]
-        feet = np.concatenate([feet, robot_model.foot_poses(engine.robot, *last)])
+        landed = robot_model.foot_poses(engine.robot, world.torso, world.joints)
+        feet = np.concatenate([feet, landed])
 
 
 # ------------------------------------------------------------------------ tables
@@ -524,7 +507,7 @@ def compare(results):
         ratio = time_ratio(results["policy", noise, std], trials)
         if name != "policy" and ratio:
             row = {"planner": "policy", "noise": noise, "goal_std_m": std, "reference": name}
-            ratios.append({**row, **ratio})
+            ratios.append(row | ratio)
     return ratios
 
 
@@ -549,10 +532,10 @@ def summary(planner, noise, std, trials, task):
     row["falls"] = int(shares["fall"].sum())
     for name in OUTCOMES:
         row[f"{name}_ci95"] = wilson(int(shares[name].sum()), len(reached))
-    for name, who in (("time", reached), ("time_once", once)):
-        row[f"{name}_mean"] = known(np.mean, trials[name][who])  # [s]
-        row[f"{name}_std"] = known(np.std, trials[name][who])
-    times = trials["time"][reached]
+    times, times_once = trials["time"][reached], trials["time_once"][once]  # [s]
+    for name, values in (("time", times), ("time_once", times_once)):
+        row[f"{name}_mean"] = known(np.mean, values)
+        row[f"{name}_std"] = known(np.std, values)
     row["time_median"] = known(np.median, times)
     row["time_p95"] = known(lambda t: np.quantile(t, 0.95), times)
     return row
@@ -590,11 +573,11 @@ def table(rows, ratios):
             known = PAPER.get((row["planner"], row["noise"]))
             if known and row["goal_std_m"] == env.Task.goal_std_m:
                 mean, std = (number(row[f"time_once_{name}"], ".2f") for name in ("mean", "std"))
-                once.append(
+                once += [
                     f"{noise} | {row['planner']} | ours | {row['reached_once']:.3f} "
-                    f"| {row['timeout_once']:.3f} | {row['fall_once']:.3f} | {mean} ± {std}"
-                )
-                once.append(f"{noise} | {row['planner']} | paper | {known}")
+                    f"| {row['timeout_once']:.3f} | {row['fall_once']:.3f} | {mean} ± {std}",
+                    f"{noise} | {row['planner']} | paper | {known}",
+                ]
         head = "planner | success [95 %] | timeout | fall | time [s], median, 95 % | still there"
         parts.append(f"Goals: {goals}; noise: {noise}\n\n" + markdown(head, ours))
     for row in ratios:
@@ -688,11 +671,10 @@ def load_policy(path, world):
         )
     if fits["observation"] != here["observation"]:
         raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
-    for kind in ("walk", "step limit", "task", "spread", "robot"):
-        found = ppo.differences(fits.get(kind, {}), here[kind])
-        # How it was paid (s_d, s_a, …) makes no difference to a walk.
-        if found := [difference for difference in found if not difference.startswith("s_")]:
-            print(f"note: {path.as_posix()} was trained with another {kind}: {'; '.join(found)}")
+    # How it was paid (s_d, s_a, …) makes no difference to a walk.
+    found = [entry for entry in ppo.differences(fits, here) if not entry.startswith("task: s_")]
+    if found:
+        print(f"note: {path.as_posix()} was trained with another {'; '.join(found)}")
     facts = {key: about.get(key) for key in ("imu", "steps", "minutes", "seed")}
     return PolicyPlanner(model), {"file": path.as_posix(), **facts}
 
@@ -788,62 +770,68 @@ def evaluate_all(args, blocks, planners, helpers=0):
 
     blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
     """
-    noises = sorted({False, args.noise})
-    rows = [*itertools.product(planners, noises, blocks)]  # the policy is first, `baseline` last
-    ours = [row for row in rows if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
+    jobs = {  # what `walk_row` needs, by row in the order of the table
+        (name, noise, std): (args, planner, noise, trials)
+        for std, trials in blocks.items()
+        for noise in sorted({False, args.noise})
+        for name, planner in planners.items()
+    }
+    ours = [row for row in jobs if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
     shared = [row for k, row in enumerate(ours) if k % (1 + helpers)]  # what helpers walk
-    here, results = [row for row in rows if row not in shared], {}
-
-    def job(row):
-        name, noise, std = row
-        return args, planners[name], noise, blocks[std]
-
-    def take(row, trials):
-        results[row] = trials
-        name, noise, std = row
-        goals, noise = kind_of({"goal_std_m": std, "noise": noise})
-        success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
-        said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
-        print(f"{said}, {time:.2f} s a walk", flush=True)
-
+    here, results = [row for row in jobs if row not in shared], {}
     spawn = multiprocessing.get_context("spawn")  # the same on every system
     pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
-    futures = {row: pool.submit(walk_row, *job(row)) for row in shared}
+    futures = {row: pool.submit(walk_row, *jobs[row]) for row in shared}
     signal.signal(signal.SIGINT, before)
     try:
-        for row in here:
-            take(row, walk_row(*job(row)))
-        for row, future in futures.items():
+        for row in here + shared:
             try:
-                take(row, future.result())
+                trials = futures[row].result() if row in futures else walk_row(*jobs[row])
             except BrokenExecutor:  # a helper has died: too little memory?
-                take(row, walk_row(*job(row)))
+                trials = walk_row(*jobs[row])
+            results[row] = trials
+            name, noise, std = row
+            goals, noise = kind_of({"goal_std_m": std, "noise": noise})
+            success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
+            said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
+            print(f"{said}, {time:.2f} s a walk", flush=True)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():
             process.terminate()
-    return {
-        (name, noise, std): results[name, noise, std]
-        for std, noise, name in itertools.product(blocks, noises, planners)
-    }
+    return {row: results[row] for row in jobs}
 
 
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add("--noise", action="store_true", help="add the rows with measurement noise")
+    add("--noise", action="store_true", help="Walk also with noise on the measured goal.")
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--far", action="store_true", help="a second block: goals twice as far")
-    which.add_argument("--goals", type=Path, help="a CSV file: x, y [m], yaw [rad]")
-    add("--episodes", type=int, default=500, help="how many goals (500)")
-    add("--friction", type=float, help="μ of the floor, for all; else random")
-    add("--push", type=float, default=0.0, metavar="DV", help="pushes of DV m/s, every 3 s or so")
-    add("--policy", type=Path, nargs="+", default=[], help="files of 04_ppo.py")
-    add("--planner", type=Path, nargs="+", default=[], help="files of your own")
-    add("--robot", type=Path, help="a file with ROBOT, WALK and LIMITS")
-    add("--gif", action="store_true", help="also draw a film")
-    add("--play", action="store_true", help="click a goal, watch the robot walk")
+    which.add_argument("--far", action="store_true", help="Walk also to goals twice as far.")
+    which.add_argument(
+        "--goals", type=Path, help="Take the goals from a CSV file: x, y [m], yaw [rad]."
+    )
+    add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
+    add("--friction", type=float, help="Give every floor this μ, instead of a random one.")
+    add(
+        "--push",
+        type=float,
+        default=0.0,
+        metavar="DV",
+        help="Push the torso by DV m/s, every 3 s on average.",
+    )
+    add("--policy", type=Path, nargs="+", default=[], help="Evaluate these files of 04_ppo.py.")
+    add(
+        "--planner",
+        type=Path,
+        nargs="+",
+        default=[],
+        help="Evaluate the class Planner of these files, too.",
+    )
+    add("--robot", type=Path, help="Walk with the robot of this file: its ROBOT, WALK and LIMITS.")
+    add("--gif", action="store_true", help="Draw a film of a race, too (a minute).")
+    add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
     args = parser.parse_args(argv)
     if not 1 <= args.episodes <= MOST:
         parser.error(f"--episodes from 1 to {MOST}")
@@ -851,13 +839,13 @@ def main(argv=None):
         parser.error("--push and --friction from 0 on")
     if args.goals is None:
         blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
-        figure_trials = Trials(FIGURE_GOALS, args.seed)
+        figure_goals = FIGURE_GOALS
     else:
         blocks = {None: Trials(read_goals(args.goals), args.seed)}
-        figure_trials = Trials(blocks[None].goals[:3], args.seed)
+        figure_goals = blocks[None].goals[:3]
     if args.far:
         blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
-    count = 1 if args.play else len(figure_trials.goals)
+    count = 1 if args.play else len(figure_goals)
     with closing(make_world(args, count, cores=1)) as world:  # for pictures: nothing pushes
         planners, facts, shown = choose_planners(world, args.policy, args.planner)
         out = robot_model.output_folder(args)
@@ -872,6 +860,8 @@ def main(argv=None):
         results = evaluate_all(args, blocks, planners, helpers)
         rows = [summary(*key, trials, world.task) for key, trials in results.items()]
         ratios = compare(results)
+        text = table(rows, ratios)
+        print(f"\n{text}")  # before files are written, which may fail
         content = {
             "sim": args.sim,
             "policy": facts,
@@ -883,19 +873,21 @@ def main(argv=None):
             "rows": rows,
             "ratios": ratios,
         }
-        text = table(rows, ratios)
-        print(f"\n{text}")  # before files are written, which may fail
         content = json.dumps(content, indent=1, allow_nan=False) + "\n"
         robot_model.write_text(out / "evaluation.json", content)
         robot_model.write_text(out / "table.md", text)
         write_trials(out / "trials.csv", blocks, results)
+        trials = Trials(figure_goals, args.seed)
         names = "baseline", "baseline_tuned", shown
-        walks = {name: [*record(planners[name], world, figure_trials)] for name in names}
+        walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
             race = {name: own[-1] for name, own in walks.items()}
             plot_race(world.engine.robot, race, out / "animation.gif")
-    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
+    film = " and animation.gif" * args.gif
+    print(
+        f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"
+    )
 
 
 if __name__ == "__main__":

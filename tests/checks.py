@@ -1,4 +1,10 @@
-"""How the tests compare arrays; and a mark: in both simulators."""
+"""What tests of several stages need: how arrays are compared, a mark, a file that is in use."""
+
+import math
+import os
+from contextlib import contextmanager
+from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -7,6 +13,27 @@ BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 equal = np.testing.assert_array_equal
 
 
-def close(got, want, hint="", atol=1e-9, rtol=1e-7):
+def close(got, want, hint="", atol=1e-6, rtol=1e-7):
     """Arrays are alike; else numpy says after the hint where they are not."""
     np.testing.assert_allclose(got, want, rtol, atol, err_msg=hint)
+
+
+def frozen(*arrays):
+    """From now on nobody may write to these arrays."""
+    for array in arrays:
+        array.flags.writeable = False
+
+
+@contextmanager
+def locked(name, times=math.inf):
+    """Another program, as on Windows, keeps the file of this name open when it is replaced."""
+    replace, refused = os.replace, []
+
+    def held(source, target):
+        if Path(target).name == name and len(refused) < times:
+            refused.append(target)
+            raise PermissionError(13, "Access is denied")
+        replace(source, target)
+
+    with mock.patch("os.replace", held), mock.patch("time.sleep"):
+        yield

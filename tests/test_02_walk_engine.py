@@ -7,7 +7,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from checks import BOTH, close, equal
+from checks import BOTH, close, equal, frozen
+from numpy.polynomial.polynomial import polyfit
 from numpy.random import default_rng
 
 robot_model = import_module("01_robot_model")
@@ -16,8 +17,9 @@ walk_engine = import_module("02_walk_engine")
 ROBOT = robot_model.RobotModel()
 
 
-def make_engine(sim, num_robots=1):
-    return walk_engine.WalkEngine(num_robots, walk_engine.TUNED[sim], ROBOT, sim == "pymunk")
+def make_engine(sim, num_robots=1, **law):
+    parameters = replace(walk_engine.TUNED[sim], **law)
+    return walk_engine.WalkEngine(num_robots, parameters, ROBOT, sim == "pymunk")
 
 
 def random_footsteps(rng, *shape):
@@ -29,7 +31,7 @@ def test_quintic_meets_its_six_boundary_conditions():
     rng = default_rng(0)
     for duration in rng.uniform(0.2, 2.0, 5):
         start, end = rng.normal(size=(2, 5, 4, 3))  # robots, axes
-        start.flags.writeable = end.flags.writeable = False
+        frozen(start, end)
         splines = walk_engine.quintic(start, end, duration)
         assert splines.shape == (5, 4, 6), "start, end [..., 3] in, coefficients [..., 6] out"
         for i, k in product(range(5), range(4)):
@@ -41,19 +43,7 @@ def test_quintic_meets_its_six_boundary_conditions():
                     want[i, k],
                     f"{where}: position, velocity, acceleration; c₀ comes first; is c₂ = a₀/2? the "
                     "powers of T?",
-                    atol=1e-6,
                 )
-
-
-def test_rest_to_rest_is_the_minimum_jerk_curve():
-    tau = np.linspace(0, 1, 21)
-    c = walk_engine.quintic([0, 0, 0], [2.0, 0, 0], 0.7)
-    want = 2.0 * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
-    close(
-        walk_engine.polynomial(c, 0.7 * tau),
-        want,
-        "from rest to rest: 10τ³ − 15τ⁴ + 6τ⁵, unaccelerated at both ends",
-    )
 
 
 @BOTH
@@ -68,19 +58,18 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
             "a foot jumps: the next plan must start where this one ended",
         )
         # Each side of the seam is one quintic: a fit of degree 5 is exact.
-        last = np.polynomial.polynomial.polyfit(dt * np.arange(-9, 1), before[-10:], 5)
-        start = np.polynomial.polynomial.polyfit(dt * np.arange(10), after[:10], 5)
+        last = polyfit(dt * np.arange(-9, 1), before[-10:], 5)
+        start = polyfit(dt * np.arange(10), after[:10], 5)
         for order, what, unit in ((0, "position", ""), (1, "velocity", "/s"), (2, "c₂", "/s²")):
             close(
                 start[order],
                 last[order],
                 f"{what} of x, y, z, roll, pitch, yaw [m{unit} or rad{unit}] jumps between double "
                 "steps: the next spline starts with the state in which this one ended",
-                atol=1e-6,
             )
         assert np.abs(last[1]).max() > 0.05, "the trunk should be moving at the seam"
-    standing = np.polynomial.polynomial.polyfit(dt * np.arange(10), plans[0].trunk[0, :10], 5)
-    close(standing[1:3], 0, "a walk begins at rest: velocity or c₂ jumps there", atol=1e-6)
+    standing = polyfit(dt * np.arange(10), plans[0].trunk[0, :10], 5)
+    close(standing[1:3], 0, "a walk begins at rest: velocity or c₂ jumps there")
     jump = max(np.abs(np.diff(trajectory.joints, axis=1)).max() for trajectory in plans)
     assert jump < 0.2, f"a joint's target jumps by {jump:.2f} rad in a tick"
 
@@ -99,9 +88,7 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
     )
     for footsteps in (
         [[0, 0, 0], [0, 0, 0]],
-        [[0.08, 0, 0], [0.08, 0, 0]],
         [[0.08, 0.03, 0.2], [0.06, 0.01, -0.1]],
-        [[0, 0, -0.2], [0, 0, 0.2]],
     ):
         engine = walk_engine.WalkEngine(1, p, ROBOT)
         left, right = engine.feet[0].copy()
@@ -138,10 +125,10 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
             )
             # From knot to knot it is one quintic: a fit of degree 5 is exact.
             near = np.arange(10) if k == 0 else np.arange(-9, 1)
-            c = np.polynomial.polynomial.polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
+            c = polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
             velocity = (after - before) / engine.half
-            close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step", atol=1e-6)
-            close(c[1, 3:5], 0, "there the lean turns back", atol=1e-6)
+            close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step")
+            close(c[1, 3:5], 0, "there the lean turns back")
             close(c[2], 0, "it passes unaccelerated", atol=1e-5)
 
 
@@ -153,32 +140,26 @@ def standing(n):
 
 
 def test_reflex_adds_its_gain_times_the_rate_beyond_the_planned_one():
-    plan, robot = standing(1), replace(ROBOT, control_dt=0.01)
+    plan, robot = standing(1), replace(ROBOT, control_dt=0.02)
     plan.trunk[0, 2:5, 3:5] = [0.010, 0.100], [0.011, 0.098], [0.014, 0.090]
     plan.reflex_gain[0, 2:4] = [0.05, 0], [0, 0.1]  # at first the left foot stands, then the right
-    one = np.array([0])
-    got = plan.feedback(robot, one, np.array([[2, 3, 4]]), np.broadcast_to([0.6, 0.8], (1, 2)))
-    assert got.shape == (1, 2, 12), "robots, ticks, joints"
-    # planned: +0.004 / 0.02 s = 0.2 and −0.010 / 0.02 s = −0.5 rad/s; measured: 0.6 and 0.8 rad/s
-    want = np.zeros((2, 12))
-    want[0, [5, 4]] = 0.05 * (0.6 - 0.2), 0.05 * (0.8 + 0.5)
-    want[1, [11, 10]] = 0.1 * (0.6 - 0.2), 0.1 * (0.8 + 0.5)
-    close(
-        got[0],
-        want,
-        "added = gain·(measured rate − planned rate): x to the roll, y to the pitch of the "
-        "ankle whose gain it is; one reading for both ticks; no other joint",
-        atol=1e-7,
-    )
-    slow = replace(ROBOT, control_dt=0.02)
-    got = plan.feedback(slow, one, np.array([[2, 3]]), np.array([[0.6, 0.8]]))
-    close(
-        got[0, 0, [5, 4]],
-        [0.05 * (0.6 - 0.05), 0.05 * (0.8 + 0.1)],
-        "measured rate − planned rate, which is the change of the lean / time: a single tick here, "
-        "of a robot with another control_dt",
-        atol=1e-7,
-    )
+    for samples in ([2, 3, 4], [2, 3]):
+        got = plan.feedback(
+            robot, np.array([0]), np.array([samples]), np.broadcast_to([0.6, 0.8], (1, 2))
+        )
+        # planned in two ticks: +0.004 / 0.04 s = 0.1 and −0.010 / 0.04 s = −0.25 rad/s; in one: half
+        # of the first, and −0.002 / 0.02 s; measured: 0.6 and 0.8 rad/s
+        roll, pitch = (0.6 - 0.1, 0.8 + 0.25) if len(samples) == 3 else (0.6 - 0.05, 0.8 + 0.1)
+        want = np.zeros((1, 2, 12))
+        want[0, 0, [5, 4]] = 0.05 * roll, 0.05 * pitch
+        want[0, 1, [11, 10]] = 0.1 * roll, 0.1 * pitch
+        close(
+            got,
+            want[:, : len(samples) - 1],
+            "added = gain·(measured rate − planned rate), which is the change of the lean / time, of "
+            "a robot with another control_dt: x to the roll, y to the pitch of the ankle whose gain "
+            "it is; one reading for both ticks, or for a single one; no other joint",
+        )
 
 
 def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
@@ -186,15 +167,13 @@ def test_reflex_has_a_limit_and_reads_every_robot_for_itself():
     plan.reflex_gain[:] = np.array([0.02, 0.1, -0.05])[:, None, None]  # of both feet
     at, rows = np.tile([0, 1, 2], (3, 1)), np.arange(3)
     rates = np.array([[7, 99], [-99, 0], [1.0, 99]])
-    for values in (at, rows, rates):
-        values.flags.writeable = False
+    frozen(at, rows, rates)
     got = plan.feedback(ROBOT, rows, at, rates)
     want = np.array([[0.14, limit], [-limit, 0], [-0.05, -limit]])  # ankle roll, ankle pitch
     close(
         got[..., [5, 4, 11, 10]],
         np.tile(want[:, None], (2, 2)),
         "what is ADDED is limited, to either side; not the rate",
-        atol=1e-7,
     )
 
 
@@ -232,8 +211,7 @@ def test_capture_step_moves_the_swing_foot_by_the_lean():
     error, over = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     swings = np.array([[row[2] == "left", row[2] == "right"] for row in rows])
     old = np.array([[row[3]] * 2 for row in rows], float)
-    for values in (error, over, swings, old):
-        values.flags.writeable = False
+    frozen(error, over, swings, old)
     got = walk_engine.capture_step(error, over, swings, old, LAW)
     assert np.shape(got) == (len(rows), 2, 3), "robots; left, right foot; y, roll, pitch"
     for hint, row, answer in zip(ANSWERS, rows, got):
@@ -244,7 +222,7 @@ def test_capture_step_moves_the_swing_foot_by_the_lean():
 
 def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support_foot():
     over = np.array([-1.0, 0.0, 0.05, 0.10, 0.16, 0.5])
-    over.flags.writeable = False
+    frozen(over)
     want = [1, 1, 1, 0.6, 0.12, 0]
     got = walk_engine.waiting_pace(over, LAW)
     close(got, want, "1 − wait·(over − late_lean): never above 1, never below 0", atol=1e-12)
@@ -252,24 +230,22 @@ def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support
 
 
 def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law():
-    plain, lawful = make_engine("mujoco"), make_engine("mujoco")
-    lawful.parameters = replace(plain.parameters, capture=1.0, wait=10.0)
+    plain, lawful = make_engine("mujoco"), make_engine("mujoco", capture=1.0, wait=10.0)
     for engine, most in ((plain, 62), (lawful, 102)):
-        one = plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
-        one.begin()
-        assert one.most_ticks == most, "a double step may wait for longest_wait_ticks"
+        plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
+        plan.begin()
+        assert plan.most_ticks == most, "a double step may wait for longest_wait_ticks"
         for tick in range(0, 62, 2):
-            assert not one.ended(tick)[0]
-            planned = one.trunk[:, tick, 3:5]
-            samples, added = one.targets(ROBOT, np.array([0]), tick, planned, np.zeros((1, 2)))
+            assert not plan.ended(tick)[0]
+            planned = plan.trunk[:, tick, 3:5]
+            samples, _ = plan.targets(ROBOT, np.array([0]), tick, planned, np.zeros((1, 2)))
             close(samples[0], plan.joints[0, tick : tick + 3], "as planned")
-        assert one.ended(62)[0]
+        assert plan.ended(62)[0]
 
 
 def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_leans():
     """The right foot stands, the robot leans by 0.14 rad to its side, then to the other one."""
-    engine = make_engine("mujoco", 2)
-    engine.parameters = replace(engine.parameters, capture=1.0, wait=100.0)
+    engine = make_engine("mujoco", 2, capture=1.0, wait=100.0)
     plan, rows = engine.plan(np.zeros((2, 2, 3)), [0, 1]), np.array([0, 1])
     plan.begin()
     lean, ticks = np.array([[0.14, 0.0], [-0.14, 0.0]]), np.zeros(2, int)
@@ -298,8 +274,7 @@ def test_a_plan_waits_no_longer_than_it_may_and_the_foot_lands_where_the_robot_l
 
 
 def test_the_answer_of_a_foot_goes_on_in_the_next_double_step():
-    engine = make_engine("mujoco", 2)
-    engine.parameters = replace(engine.parameters, capture=1.0)
+    engine = make_engine("mujoco", 2, capture=1.0)
     engine.answer[1] = 0.02, 0.05, 0.03
     for robots in ([0, 1], [1]):  # also if the rows of the plan are not all robots
         before, row = engine.answer.copy(), np.array([len(robots) - 1])
@@ -341,7 +316,6 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
             feet[0][..., [0, 1, 3]],
             np.tile(stands, (feet.shape[1], 1, 1)),
             "zeros: each foot lands where it was",
-            atol=1e-6,
         )
         rise = feet[0, ..., 2]  # [T + 1, 2]
         close(rise.max(0), p.foot_rise, "half way it is as high as foot_rise", rtol=0.1)
@@ -412,21 +386,18 @@ def test_feet_land_where_the_footsteps_put_them(sim):
 
 
 @BOTH
-def test_joint_targets_respect_the_limits_and_begin_as_the_robot_stands(sim):
+def test_joint_targets_begin_as_the_robot_stands_also_after_a_reset(sim):
     rng, n = default_rng(7), 40
-    engine = make_engine(sim, n)
+    engine, robots = make_engine(sim, n), np.arange(n)
     for _ in range(4):
-        footsteps = 3 * random_footsteps(rng, n)  # larger than those of any action
-        joints = engine.plan(footsteps, np.arange(n)).joints.reshape(n, -1, 2, 6)
-        assert (joints >= ROBOT.joint_min).all() and (joints <= ROBOT.joint_max).all()
-    engine.reset(np.arange(n))
-    trajectory = engine.plan(0 * footsteps, np.arange(n))
-    fresh = make_engine(sim, n).plan(0 * footsteps, np.arange(n))
-    equal(trajectory.trunk, fresh.trunk, "something of the last walk survives a reset")
+        engine.plan(random_footsteps(rng, n), robots)
+    engine.reset(robots)
+    plan, fresh = (one.plan(np.zeros((n, 2, 3)), robots) for one in (engine, make_engine(sim, n)))
+    equal(plan.trunk, fresh.trunk, "something of the last walk survives a reset")
     torso, joints = engine.stance
-    close(trajectory.joints[:, 0], np.tile(joints, (n, 1)), "it begins standing")
+    close(plan.joints[:, 0], np.tile(joints, (n, 1)), "it begins standing")
     torso[0] += engine.parameters.trunk_x_offset  # where the simulator's frame begins
-    close(trajectory.trunk[:, 0], np.tile(torso, (n, 1)))
+    close(plan.trunk[:, 0], np.tile(torso, (n, 1)))
 
 
 @BOTH
@@ -478,7 +449,7 @@ def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     k = fall[1] + 1
     assert asked == [[0, 1, 2]] * k + [[0, 2]] * (5 - k), "disturb is told which robots are up"
     assert seen == [3] * k + [2] * (5 - k), "watch sees every double step of those"
-    equal(poses[1, k:], np.tile(poses[1, k], (6 - k, 1)), "a walk ends with its fall")
+    assert (poses[1, k:] == poses[1, k]).all(), "a walk ends with its fall"
     for got, want in zip((poses, wanted, fall), walk(plans[[0, 2]])):
         equal(got[[0, 2]], want, "a fall changes another walk")
 
@@ -489,16 +460,13 @@ def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
     tilt, fell = walk_engine.pushed(sim, walk, speed)
     blind, blind_fell = walk_engine.pushed(sim, replace(walk, reflex=0.0), speed)
     calm, _ = walk_engine.pushed(sim, walk, 0.0)
-    assert tilt.shape == blind.shape == (12, 12 * walk.half_ticks), (
-        "twelve robots, six double steps"
-    )
-    equal(calm, np.tile(calm[0], (12, 1)), "without a push all twelve walk alike")
-    begins = [np.flatnonzero(np.abs(one - calm[0]) > 1e-9)[0] for one in tilt]  # [tick]
+    assert tilt.shape == (12, 12 * walk.half_ticks), "twelve robots, six double steps"
+    assert (calm == calm[0]).all(), "without a push all twelve walk alike"
+    begins = (np.abs(tilt - calm) > 1e-9).argmax(1)  # [tick]
     assert len({*begins}) == 12, f"each is pushed at another moment: {begins}"
     assert min(begins) >= 2 * walk.half_ticks and max(begins) < 4 * walk.half_ticks
-    assert fell.sum() < blind_fell.sum(), (
-        f"{fell.sum()} fall with the reflex, {blind_fell.sum()} not"
-    )
+    falls, blind_falls = fell.sum(), blind_fell.sum()
+    assert falls < blind_falls, f"{falls} fall with the reflex, {blind_falls} without it"
     tilted = [np.median(one.max(1)).round(3) for one in (tilt, blind)]
     assert tilted[0] < tilted[1], f"largest tilts with and without the reflex: {tilted} rad"
 

@@ -11,12 +11,14 @@ import gymnasium as gym
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from checks import BOTH, close, equal
+from checks import BOTH, close, equal, frozen
 from gymnasium.utils.env_checker import check_env
 from numpy.random import default_rng
 
 env = import_module("03_env")
 robot_model, walk_engine = env.robot_model, env.walk_engine
+FootstepWorld, FootstepVectorEnv = env.FootstepWorld, env.FootstepVectorEnv
+Spread, stream = env.Spread, env.stream
 TASK = env.Task()
 OTHER = env.Task(
     near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5,
@@ -36,14 +38,21 @@ def make():
 WALK = walk_engine.TUNED["pymunk"]
 
 
-def motion(poses, fell):
+def motion(poses, fell=False):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says."""
     n = len(poses)
     torso = np.zeros((n, 1, 6))
     torso[:, 0, [0, 1, 5]] = poses
     torso[:, 0, 2] = 0.38
     ticks = np.full(n, 2 * WALK.half_ticks)
-    return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.array(fell), ticks)
+    return robot_model.Motion(
+        torso, np.zeros((n, 1, 12)), np.zeros((n, 3)), np.full(n, fell), ticks
+    )
+
+
+def follow(world, done):
+    """From now on its physics does this, a Motion, whatever is planned."""
+    world.simulator.run = lambda *_: done
 
 
 @BOTH
@@ -66,15 +75,12 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
     ids=str,
 )
 def test_gymnasium_can_make_vectors(make, mode, more):
-    own = make(env.FootstepVectorEnv, 2, more.get("sim", "pymunk"))
+    own = make(FootstepVectorEnv, 2, more.get("sim", "pymunk"))
     envs = make(partial(gym.make_vec, "Footsteps-v0", 2, mode, **more))
     first, _ = own.reset(seed=4)
     equal(envs.reset(seed=4)[0], first, "robot i has the seed s + i, in both vectors")
     action = np.full((2, 6), 0.4, np.float32)
     equal(envs.step(action)[0], own.step(action)[0])
-    equal(own.reset(seed=4)[0], first, "the same seed, the same episode")
-    distances = [seen[:, 0] for seen in (first, own.reset()[0], own.reset()[0])]
-    assert len(np.unique(distances)) == 6, "without a seed it goes on drawing"
 
 
 def test_a_vector_keeps_the_conventions_of_gymnasium(make):
@@ -88,13 +94,10 @@ def test_a_vector_keeps_the_conventions_of_gymnasium(make):
     assert "final_info" in infos[0], "the info of what has ended, too"
     pictures = envs.render()
     assert [picture.shape for picture in pictures] == [(400, 400, 3)] * 2, "one for every robot"
-    one = make(gym.make, "Footsteps-v0", cores=1, max_episode_steps=1)  # the same words fit both
-    one.reset(seed=0)
-    assert one.step(one.unwrapped.world.neutral_action)[3]
 
 
 def test_a_picture_does_not_depend_on_the_user_s_figures(make):
-    envs = make(env.FootstepVectorEnv, 1)
+    envs = make(FootstepVectorEnv, 1)
     plain = envs.picture(0)
     with plt.rc_context({"figure.dpi": 150, "savefig.format": "svg"}):
         equal(envs.picture(0), plain)
@@ -108,7 +111,7 @@ def test_robots_together_equal_robots_alone(make, sim, n, law):
     rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
     walk = replace(walk_engine.TUNED[sim], **law)
     settings = {"noise": True, "imu": True, "push": 1.2, "task": task, "walk": walk}  # some fall
-    together = make(env.FootstepVectorEnv, n, sim, cores=2, **settings)
+    together = make(FootstepVectorEnv, n, sim, cores=2, **settings)
     alone = [make(env.FootstepEnv, sim=sim, **settings) for _ in range(n)]
     got, _ = together.reset(seed=11)
     want = [one.reset(seed=11 + i)[0] for i, one in enumerate(alone)]
@@ -131,26 +134,6 @@ def test_robots_together_equal_robots_alone(make, sim, n, law):
     assert fell == {True, False}, "the test should see resets after falls and after time-outs"
 
 
-def test_a_finished_episode_starts_anew_in_the_same_step(make, monkeypatch):
-    envs = make(env.FootstepVectorEnv, 3)
-    goals = np.array([[1.0, 0, 0], [1.0, 1.0, 0.5], [-1.0, 0.3, 2.0]])
-    envs.reset(seed=3, options={"goals": goals})
-    poses = np.array([[1.0, 0.02, 0.1], [0.4, 0.2, 0.1], [0.1, 0, 0]])
-    for fell in ([False] * 3, [False, False, True]):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, f=fell, **__: motion(poses, f))
-        obs, _, terminated, _, infos = envs.step(np.full((3, 6), 0.3))
-    for found in (terminated, infos["_final_obs"], infos["_final_info"]):
-        equal(found, [True, False, True], "one arrives, one walks on, one falls")
-    old, ended = env.encode_goal(robot_model.relative(poses, goals)), [0, 2]
-    last = infos["final_obs"][ended, :8]
-    close(last, old[ended], "final_obs is the LAST one of the old episode", atol=1e-6)
-    nothing = np.tile(2 * envs.neutral_action - 1, (2, 2))
-    close(obs[ended, 8:], nothing, "obs is the FIRST of the new one", atol=1e-6)
-    assert (np.abs(obs[ended, :8] - old[ended]).max(1) > 0.01).all(), "a new goal is expected"
-    close(obs[1, :8], old[1], "this one walks on", atol=1e-6)
-    equal(envs.world.steps, [0, 2, 0])
-
-
 def test_goal_is_encoded_as_in_the_table():
     d, beta, alpha = 0.3, math.radians(120), math.radians(-45)
     goal = np.array([d * math.cos(beta), d * math.sin(beta), alpha])
@@ -160,7 +143,6 @@ def test_goal_is_encoded_as_in_the_table():
         want,
         "d, 2d·cos β, 2d·sin β, cos β, sin β, cos α, sin α, α/π; α is not β "
         "(for 0.3 m, β = 120°, α = −45°)",
-        atol=1e-6,
     )
     far = env.encode_goal(np.broadcast_to([4.0, -3.0, math.pi * 1.5], 3))
     close(far[:3], [2, 1, -1], "clipped: 2 m and ±1 (for a goal at (4, −3))")
@@ -184,30 +166,27 @@ def test_a_distant_goal_is_observed_as_one_on_the_way(make):
     ahead = [0.6 * OTHER.ahead_m, -0.8 * OTHER.ahead_m, math.atan2(-0.8, 0.6)]
     close(seen[0], ahead, "a goal beyond `beyond_m`: `ahead_m` on the way to it, facing it")
     close(seen[1], goals[1], "a nearer goal is itself")
-    world = make(env.FootstepWorld, 2, task=OTHER)
+    world = make(FootstepWorld, 2, task=OTHER)
     world.set_goal([0, 1], goals)
     view = world.look([0, 1])
-    close(view.goal, goals, "the view's goal is the true one, for every planner", atol=1e-6)
-    close(view.observation[:, :8], env.encode_goal(seen), "a policy sees the other", atol=1e-6)
+    close(view.goal, goals, "the view's goal is the true one, for every planner")
+    close(view.observation[:, :8], env.encode_goal(seen), "a policy sees the other")
 
 
 @BOTH
 def test_imu_is_only_added_to_what_is_seen_without_it(make, sim):
-    plain, more = (make(env.FootstepVectorEnv, 3, sim, imu=imu) for imu in (False, True))
+    plain, more = (make(FootstepVectorEnv, 3, sim, imu=imu) for imu in (False, True))
     seen, both = plain.reset(seed=0)[0], more.reset(seed=0)[0]
     equal(both[:, :20], seen, "the IMU is observed only when it is asked for")
     lean = 4 * more.world.engine.parameters.trunk_pitch
-    close(both[:, 20:], np.tile([0, lean, 0, 0, 0], (3, 1)), "it starts leaning", atol=1e-6)
-    actions = default_rng(7).uniform(0.3, 0.7, (3, 6))
-    run, motions = more.world.simulator.run, []
-    more.world.simulator.run = lambda *given: motions.append(run(*given)) or motions[0]
-    seen, *_ = more.step(actions)
-    (motion,) = motions
-    imu = np.concatenate([4 * motion.torso[:, -1, 3:5], motion.angular_velocity], -1)
-    close(seen[:, 20:], imu, "that of the LAST tick of the double step", atol=1e-5)
+    close(both[:, 20:], np.tile([0, lean, 0, 0, 0], (3, 1)), "it starts leaning")
+    motion = more.world.step(default_rng(7).uniform(0.3, 0.7, (3, 6)), more.robots)["motion"]
+    imu = np.hstack([4 * motion.torso[:, -1, 3:5], motion.angular_velocity])
+    seen = more.look(more.robots)[:, 20:]
+    close(seen, imu, "that of the LAST tick of the double step", atol=1e-5)
     more.world.imu[1] = 0.1, -0.2, 1.0, -20.0, 3.0
     hint = "roll, pitch in quarters of a radian, then angular velocity x, y, z, clipped at 10"
-    close(more.look([1])[0, 20:], [0.4, -0.8, 1.0, -10.0, 3.0], hint, atol=1e-6)
+    close(more.look([1])[0, 20:], [0.4, -0.8, 1.0, -10.0, 3.0], hint)
 
 
 def test_the_last_two_actions_are_observed(make):
@@ -215,12 +194,12 @@ def test_the_last_two_actions_are_observed(make):
     one.reset(seed=0)
     neutral = one.world.neutral_action
     small = np.clip(neutral + [0.05, 0, 0, 0, 0.02, 0], 0, 1)
-    close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, atol=1e-6)
+    close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1)
     seen = one.step(neutral)[0][8:]
-    close(seen, np.r_[neutral, small] * 2 - 1, "newest first", atol=1e-6)
+    close(seen, np.r_[neutral, small] * 2 - 1, "newest first")
     for much in (9, -9):  # a list
         seen = one.step([much] * 6)[0][8:14]
-        close(seen, np.sign(much), "as it was asked for, clipped to [0, 1]", atol=1e-6)
+        close(seen, np.sign(much), "as it was asked for, clipped to [0, 1]")
 
 
 SHARES = (
@@ -237,12 +216,12 @@ def test_actions_and_footsteps_are_inverse(sim):
         shares, want = -low / (high - low), np.zeros(6)
         shares[k], want[k] = share, low[k] + share * (high[k] - low[k])
         got = np.ravel(env.to_footsteps(np.broadcast_to(shares, 6), limits))
-        close(got, want, f"{SHARES} (for {shares.round(3)})", atol=1e-6)
+        close(got, want, f"{SHARES} (for {shares.round(3)})")
     narrow = env.StepLimits((-0.1, 0.02, -0.3), (0.3, 0.02, 0.3))
     got = env.to_action(np.broadcast_to([0.0, 0.02, 0.0], (2, 3)), narrow)
     close(got, [0.25, 0.5, 0.5] * 2, "to_action: where low = high there is no choice, 0.5")
     drawn = rng.uniform(limits.low, limits.high, (1000, 2, 3))
-    drawn.flags.writeable = False
+    frozen(drawn)
     action = env.to_action(drawn, limits)
     assert action.shape == (1000, 6), "footsteps [..., 2, 3] -> actions [..., 6]"
     assert action.min() >= 0 and action.max() <= 1, "to_action: the low limit is 0, the high one 1"
@@ -250,24 +229,16 @@ def test_actions_and_footsteps_are_inverse(sim):
         env.to_footsteps(action, limits),
         drawn,
         "to_action is the inverse: what is within the limits is walked as asked for",
-        atol=1e-6,
     )
     some = action[:6].reshape(2, 3, 6)
     assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"
-    neutral = env.to_action(np.broadcast_to(0.0, (2, 3)), limits)
-    close(
-        env.to_footsteps(neutral, limits),
-        0,
-        "the neutral action steps on the spot; the middle, 0.5, does not",
-        atol=1e-6,
-    )
     for step, want in (9.0, 1), (-9.0, 0):
         close(env.to_action(np.full((2, 3), step), limits), want, "clipped to [0, 1]")
 
 
 @pytest.mark.parametrize("name, shape", [("actions", (2, 6)), ("goals", (2, 3))])
 def test_wrong_numbers_are_refused_and_change_nothing(make, name, shape):
-    one, untouched = (make(env.FootstepVectorEnv, 2, noise=True) for _ in range(2))
+    one, untouched = (make(FootstepVectorEnv, 2, noise=True) for _ in range(2))
     for envs in (one, untouched):
         envs.reset(seed=8)
     for wrong in (np.full(shape, math.nan), np.full(shape, math.inf), np.zeros(shape)[None], 0.5):
@@ -344,8 +315,8 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
 
 @BOTH
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
-    goals = np.array([[1.0, 0, 0], [0.5, 0.8, 2.0], [-0.6, -0.3, -1.0], [0.25, 0.1, 1.2]])
-    world, robots = make(env.FootstepWorld, 4, sim, noise=True), np.arange(4)
+    goals = default_rng(4).normal(0, [0.5, 0.5, 2], (4, 3))
+    world, robots = make(FootstepWorld, 4, sim, noise=True), np.arange(4)
     world.reset(robots, [default_rng(i) for i in robots], goals)
     for _ in range(12):
         before, last = robot_model.relative(world.pose, goals), world.actions[:, 0].copy()
@@ -375,22 +346,20 @@ def test_discounted_progress_telescopes(name):
 
 
 def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
-    goals = env.draw_goals(env.stream("evaluation", 0), 5000, OTHER)
+    goals = env.draw_goals(stream("evaluation", 0), 5000, OTHER)
     close(goals.mean(0), 0, atol=0.08)
     close(goals[:, :2].std(0), OTHER.goal_std_m, rtol=0.05)
     assert np.all(np.abs(goals[:, 2]) <= math.pi), "yaw is wrapped"
     share = np.mean(np.abs(goals[:, 2]) < math.pi / 2)  # N(0, π/2) wrapped: 0.683 and a bit more
     assert 0.64 < share < 0.73, f"{share:.2f} of the goals turn by less than 90°"
-    seven = env.draw_goals(env.stream("evaluation", 0), 7, OTHER)
+    seven = env.draw_goals(stream("evaluation", 0), 7, OTHER)
     equal(seven, goals[:7], "draw [count, 3], goal after goal")
 
 
-def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
-    world, goals = make(env.FootstepWorld, 1), []
-    monkeypatch.setattr(
-        world.simulator, "reset", lambda *_: None
-    )  # only goals are of interest here
-    world.rng[0] = env.stream("training", 0)
+def test_every_second_goal_of_the_training_is_far(make):
+    world, goals = make(FootstepWorld, 1), []
+    world.simulator.reset = lambda *_: None  # only goals are of interest here
+    world.rng[0] = stream("training", 0)
     for _ in range(1500):
         world.reset([0])
         goals.append(world.goal[0].copy())
@@ -407,40 +376,33 @@ def test_every_second_goal_of_the_training_is_far(make, monkeypatch):
 
 
 def test_streams_are_separate_and_repeatable():
-    numbers = [(), (0,), (1,), (2,), (0, 0), (0, 1), (1, 0), (0, 0, 0)]
+    numbers = [(), (0,), (1,), (0, 0), (0, 1), (1, 0)]
     keys = [(name, seed, *more) for name in env.STREAMS for seed in (0, 1) for more in numbers]
-    drawn = np.array([[env.stream(*key).random() for key in keys] for _ in range(2)])
+    drawn = np.array([[stream(*key).random() for key in keys] for _ in range(2)])
     equal(drawn[0], drawn[1])
     assert len({*drawn[0]}) == len(keys), "to numpy (0, 0) is (0): zeros at the end vanish"
 
 
-@pytest.mark.parametrize(
-    "sense, std",
-    [
-        ("goal", [TASK.noise_m] * 2 + [TASK.noise_rad]),
-        ("IMU", [TASK.imu_rad] * 2 + [TASK.imu_rad_s] * 3),
-    ],
-)
-def test_noise_has_the_size_of_the_task_and_off_means_exact(make, sense, std):
+def test_noise_has_the_size_of_the_task_and_off_means_exact(make):
     goal = np.array([[0.5, -0.4, 3.13]])  # near ±π: noise has to be wrapped
-    exact, noisy = (make(env.FootstepWorld, 1, noise=noise) for noise in (False, True))
+    exact, noisy = (make(FootstepWorld, 1, noise=noise) for noise in (False, True))
 
     def look(world):
+        """What is seen of the goal [m, m, rad] and by the IMU [rad, rad/s], [8]."""
         world.set_goal([0], goal)  # so that the last look is forgotten
         view = world.look([0])
-        if sense == "goal":
-            return view.goal[0]
-        return view.observation[0, 20:] / [4, 4, 1, 1, 1]  # [rad], [rad/s]
+        return np.append(view.goal, view.observation[0, 20:] / [4, 4, 1, 1, 1])
 
-    true = goal[0] if sense == "goal" else exact.imu[0].copy()
-    close(look(exact), true, atol=1e-6)
+    true = np.append(goal, exact.imu)
+    close(look(exact), true)
     close(exact.look([0]).goal, goal, "also a second look")
     seen = np.array([look(noisy) for _ in range(3000)])
-    assert np.all(np.abs(seen) <= math.pi), "wrap the noisy yaw"
+    assert np.all(np.abs(seen[:, 2]) <= math.pi), "wrap the noisy yaw"
     error = robot_model.wrap(seen - true)
+    std = [TASK.noise_m] * 2 + [TASK.noise_rad] + [TASK.imu_rad] * 2 + [TASK.imu_rad_s] * 3
     close(error.std(0), std, rtol=0.06)
     close(error.mean(0) / std, 0, atol=0.08)
-    together = np.corrcoef(np.c_[error[:-1], error[1:]].T) - np.eye(2 * len(std))
+    together = np.corrcoef(np.c_[error[:-1], error[1:]].T) - np.eye(16)
     assert np.abs(together).max() < 0.1, "every number has noise of its own, anew at every look"
     close(noisy.relative_goal([0]), goal, "the true goal stays true")
     equal(noisy.imu, exact.imu, "the true tilt stays true")
@@ -468,7 +430,7 @@ def test_estimate_predict_by_hand():
     before = np.array([[[0.01, 0.004, 0], [0.004, 0.02, 0.003], [0, 0.003, 0.03]]] * 2)
     before[1] *= 2
     motion = np.array([[0.4, 0, 0], [0.3, 0.1, math.pi / 2]])
-    goal.flags.writeable = before.flags.writeable = motion.flags.writeable = False
+    frozen(goal, before, motion)
     got, covariance = env.predict(goal, before, motion, DRIFT)
     close(
         got,
@@ -501,7 +463,7 @@ def test_estimate_correct_by_hand():
     covariance = np.array([np.diag([0.03, 0.01, 0.12]), 1e6 * np.eye(3), together])
     goal = np.array([[1.0, 2, 3.1], [9, 9, 0], [1, 2, 3]])
     measured = np.array([[2.0, 1, -3.1], [1, 2, 3], [1.3, 2.2, 3]])
-    goal.flags.writeable = covariance.flags.writeable = measured.flags.writeable = False
+    frozen(goal, covariance, measured)
     got, after = env.correct(goal, covariance, measured, NOISE)
     around = 3.1 + 0.75 * (2 * math.pi - 6.2) - 2 * math.pi
     close(
@@ -509,7 +471,6 @@ def test_estimate_correct_by_hand():
         [[1.75, 1.5, around], [1, 2, 3]],
         "goal + K·(measured − goal), K = V / (V + noise²); from 3.1 to −3.1 rad it is a small way, "
         "over π; and with nothing known before, the measurement counts alone",
-        atol=1e-6,
     )
     close(  # (P + R)⁻¹ of x and yaw: (0.07, −0.02; −0.02, 0.04) / (0.04·0.07 − 0.02²)
         got[2],
@@ -518,24 +479,13 @@ def test_estimate_correct_by_hand():
     )
     hint = "(1 − K)·P = K·R"
     close(after[0], np.diag([0.0075, 0.005, 0.03]), hint)
-    close(after[1], np.diag([0.01, 0.01, 0.04]), hint, atol=1e-6)
+    close(after[1], np.diag([0.01, 0.01, 0.04]), hint)
     close(after[2] * 1200, [[8.5, 0, 4], [0, 6, 0], [4, 0, 16]], hint)
 
 
-def test_estimate_of_a_goal_that_stands_still_is_the_mean_of_all_measurements():
-    seen, still = default_rng(0).normal(size=(20, 4, 3)), np.zeros((4, 3))
-    goal, covariance = still, np.tile(1e6 * np.eye(3), (4, 1, 1))
-    for n, measured in enumerate(seen, 1):
-        goal, covariance = env.predict(goal, covariance, still, 0 * DRIFT)
-        goal, covariance = env.correct(goal, covariance, measured, NOISE)
-        close(goal[:, :2], seen[:n, :, :2].mean(0), f"after {n} measurements", atol=1e-6)
-        want = np.tile(np.diag(NOISE**2 / n), (4, 1, 1))
-        close(covariance, want, "the variance of a mean is noise² / n", atol=1e-8)
-
-
 @BOTH
-def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, monkeypatch, sim):
-    envs, fell = make(env.FootstepVectorEnv, 3, sim, noise=True), np.zeros(3, bool)
+def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, sim):
+    envs, fell = make(FootstepVectorEnv, 3, sim, noise=True), np.zeros(3, bool)
     world, rng, settings = envs.world, default_rng(0), {"goals": [[2.0, 0, 0]] * 3}
 
     def follows(robots, plan, disturbance):  # exactly the plan
@@ -543,7 +493,7 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
         way = robot_model.relative(trunk[:, 0], trunk[:, -1])
         return motion(robot_model.compose(world.pose, way), fell)
 
-    monkeypatch.setattr(world.simulator, "run", follows)
+    world.simulator.run = follows
     first, _ = envs.reset(seed=0, options=settings)
     first_look = np.tile(0.05**2 * np.eye(3), (3, 1, 1))
     close(world.covariance, first_look, "one measurement; σ = 5 cm, 0.05 rad", atol=1e-8)
@@ -551,33 +501,27 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(make, m
         world.estimate[:], world.covariance[:] = world.relative_goal(envs.robots), 0
         world.step(rng.random((3, 6)), envs.robots)
         close(world.estimate, world.relative_goal(envs.robots), "from trunk to trunk, as planned")
-        close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2)
+        close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2, atol=1e-9)
     fell[1] = True
     envs.step(rng.random((3, 6)))
     equal(np.isclose(world.covariance[:, 0, 0], 0.05**2), fell, "a new episode knows nothing")
     equal(envs.reset(seed=0, options=settings)[0], first, "to the bit: a seed is an episode")
 
 
-def disturbances(make, monkeypatch, sim, push, steps, n=16, action=0.5, looks=1):
+def disturbances(make, sim, push, steps, n=16):
     """Pushes [N] and errors of the gyro [rad/s] of n robots, [steps, n, T, 2] each; the world."""
-    world, told, robots = make(env.FootstepWorld, n, sim, True, push), [], np.arange(n)
-
-    def run(robots, plan, disturbance):
-        told.append(disturbance)
-        return motion(np.zeros((len(robots), 3)), [False] * len(robots))
-
-    monkeypatch.setattr(world.simulator, "run", run)
-    world.reset(robots, [env.stream("training", i) for i in robots])
+    world, told, robots = make(FootstepWorld, n, sim, True, push), [], np.arange(n)
+    follow(world, motion(np.zeros((n, 3))))
+    world.reset(robots, [stream("training", i) for i in robots])
     for _ in range(steps):
-        for _ in range(looks):
-            world.look(robots)
-        world.step(np.full((n, 6), action), robots)
+        world.look(robots)
+        world.step(np.full((n, 6), 0.5), robots, lambda disturbance, _: told.append(disturbance))
     return np.array([one.push for one in told]), np.array([one.gyro_error for one in told]), world
 
 
 @BOTH
-def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
-    push, _, world = disturbances(make, monkeypatch, sim, 0.4, 150)
+def test_pushes_come_by_chance_and_from_everywhere(make, sim):
+    push, _, world = disturbances(make, sim, 0.4, 150)
     rows = push.reshape(-1, *push.shape[2:])  # [2400, T, 2]
     size = np.hypot(*np.moveaxis(rows, -1, 0))  # [2400, T] [N]
     pushed = size.any(1)
@@ -597,8 +541,8 @@ def test_pushes_come_by_chance_and_from_everywhere(make, monkeypatch, sim):
         assert 0.4 < (ahead > 0).mean() < 0.6
 
 
-def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, monkeypatch):
-    _, gyro, world = disturbances(make, monkeypatch, "mujoco", 0.0, 8, 300)
+def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make):
+    _, gyro, world = disturbances(make, "mujoco", 0.0, 8, 300)
     error = np.moveaxis(gyro, 1, 0).reshape(300, -1, 2)  # [300, 496, 2] tick after tick
     noise = error - world.gyro_offset[:, None]
     close(noise.mean(1), 0, "the same offset in all of an episode", atol=0.022)
@@ -606,35 +550,34 @@ def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make, mon
     pairs = np.concatenate([noise[:, :-1], noise[:, 1:]], -1).reshape(-1, 4)
     assert np.abs(np.corrcoef(pairs.T) - np.eye(4)).max() < 0.02, "anew at every tick, for x and y"
     parts = np.quantile(world.gyro_offset, [0, 0.25, 0.75, 1])
-    close(parts / env.Spread().gyro, [-1, -0.5, 0.5, 1], "evenly within the spread", atol=0.1)
+    close(parts / Spread().gyro, [-1, -0.5, 0.5, 1], "evenly within the spread", atol=0.1)
 
 
 def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
-    spread, count = env.Spread(), 500
-    body = spread.draw(default_rng(0).spawn(count), ROBOT)
-    for what, width, middle, half in (
-        ("friction", 1, ROBOT.friction, spread.friction),
-        ("mass", 9, 1, spread.mass),
-        ("stiffness", 12, 1, spread.stiffness),
-        ("stiction", 12, spread.stiction / 2, spread.stiction / 2),
+    spread, rngs = Spread(), default_rng(0).spawn(500)
+    body = spread.draw(rngs, ROBOT)
+    for what, middle, half in (
+        ("friction", ROBOT.friction, spread.friction),
+        ("mass", 1, spread.mass),
+        ("stiffness", 1, spread.stiffness),
+        ("stiction", spread.stiction / 2, spread.stiction / 2),
     ):
-        drawn = (getattr(body, what).reshape(count, width) - middle) / half  # −1 to 1
+        drawn = (vars(body)[what] - middle) / half  # −1 to 1
         assert np.abs(drawn).max() <= 1, f"{what}: beyond its spread"
         assert (drawn.min(0) < -0.96).all() and (drawn.max(0) > 0.96).all(), f"{what}: all of it"
-        close(drawn.mean(0), 0, f"{what}: drawn evenly", atol=0.12)
+        close(drawn.mean(0), 0 * drawn[0], f"{what}: drawn evenly", atol=0.12)
     assert set(body.delay) == {0, spread.delay} and 0.4 < np.mean(body.delay) < 0.6
     values = np.column_stack([body.friction, body.mass, body.stiffness, body.stiction, body.delay])
     alike = np.corrcoef(values.T) - np.eye(35)
     assert np.abs(alike).max() < 0.2, "every value is drawn by itself: two go together"
-    real = env.Spread(stiction=0.0, stiction_share=0.5, zero=0.01, com=0.02)
-    body = real.draw(default_rng(0).spawn(count), robot_model.TEAM)
-    shares = body.stiction / np.tile(robot_model.TEAM.stiction, 2)
+    fresh = default_rng(0).spawn(500)
+    team = Spread(stiction=0.0, zero=0.01, com=0.02).draw(fresh, robot_model.TEAM)
+    shares = team.stiction / np.tile(robot_model.TEAM.stiction, 2)
     close([shares.min(), shares.max()], [0.5, 1.5], "± 50 % of the model's dry friction", atol=0.01)
-    close(body.zero.std(0), 0.01, "σ of every joint's zero", rtol=0.15)
-    close([body.com.min(), body.com.max()], [-0.02, 0.02], "± 2 cm on every axis", atol=0.001)
-    again = env.Spread().draw(default_rng(0).spawn(count), ROBOT)
-    equal(again.mass, body.mass, "what is drawn later does not change what is drawn earlier")
-    ice = env.Spread(friction=2.0).draw(default_rng(0).spawn(50), ROBOT)
+    close(team.zero.std(0), np.full(12, 0.01), "σ of every joint's zero", rtol=0.15)
+    close([team.com.min(), team.com.max()], [-0.02, 0.02], "± 2 cm on every axis", atol=0.001)
+    equal(team.mass, body.mass, "what is drawn later does not change what is drawn earlier")
+    ice = Spread(friction=2.0).draw(rngs, ROBOT)
     assert ice.friction.min() == 0, "no friction is less than none"
 
 
@@ -642,7 +585,7 @@ BODY = set(robot_model.Body.__dataclass_fields__)
 WILD = default_rng(0).random(6)
 
 
-class Greedy(env.Spread):  # takes more random numbers than ours
+class Greedy(Spread):  # takes more random numbers than ours
     def draw(self, rngs, robot):
         for rng in rngs:
             rng.random(99)
@@ -661,25 +604,26 @@ class Greedy(env.Spread):  # takes more random numbers than ours
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(make, change, may_change):
     def drawn(first=None, last=None, goals=None, count=3, push=0.4, **settings):
         """What is drawn for the first robot in two episodes, [2, ...] by name."""
-        settings = {"spread": env.Spread(zero=0.01, com=0.01), **settings}
+        settings = {"spread": Spread(zero=0.01, com=0.01), **settings}
         task, robots = replace(TASK, push_every=0.7), np.arange(count)
-        world = make(env.FootstepWorld, count, noise=True, push=push, task=task, **settings)
-        rngs, episodes = [env.stream("training", 6, i) for i in robots], []
+        world = make(FootstepWorld, count, noise=True, push=push, task=task, **settings)
+        rngs, episodes = [stream("training", 6, i) for i in robots], []
         for _ in range(2):
             world.reset(robots, rngs, goals)
-            rngs, seen = (), {"goal": world.goal.copy(), "of the gyro": world.gyro_offset.copy()}
+            rngs = ()
             if first:
                 first(world)
             world.set_goal(robots, world.goal)  # so that the first look is forgotten
             view = world.look(robots)
-            seen["noise of the goal"] = robot_model.wrap(view.goal - world.relative_goal(robots))
-            seen["noise of the IMU"] = view.observation[:, 20:].copy()
-            seen |= {name: all.copy() for name, all in vars(world.simulator.body).items()}
+            seen = vars(world.simulator.body) | {
+                "goal": world.goal,
+                "of the gyro": world.gyro_offset,
+                "noise of the goal": robot_model.wrap(view.goal - world.relative_goal(robots)),
+                "noise of the IMU": view.observation[:, 20:],
+            }
             equal(world.friction, seen["friction"], "the μ that stage 5 reports is another one")
-            world.step(
-                [WILD] * count, robots, lambda told, _, to=seen: to.update(push=told.push.copy())
-            )
-            episodes.append({name: values[0] for name, values in seen.items()})
+            world.step([WILD] * count, robots, lambda told, _, to=seen: to.update(push=told.push))
+            episodes.append({name: values[0].copy() for name, values in seen.items()})
             if last:
                 last(world)
         return {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
@@ -701,14 +645,14 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
     """Ground, body, pose and goal differ, and all the rest is alike: so must be the views."""
     goals, views = np.array([[0.4, -0.1, 0.5]] * 3), []
     for seed, far in ((0, 0.0), (1, 5.0)):
-        world = make(env.FootstepWorld, 3)
-        world.reset(np.arange(3), [env.stream("training", seed, i) for i in range(3)])
+        world = make(FootstepWorld, 3)
+        world.reset(np.arange(3), [stream("training", seed, i) for i in range(3)])
         world.pose += far
         world.set_goal(np.arange(3), robot_model.compose(world.pose, goals))  # as seen, the same
         views.append(vars(world.look([2, 1])))
     assert (views[0].pop("limits"), views[1].pop("limits")) == (world.limits, world.limits)
     for name, shown in views[1].items():
-        close(views[0][name], shown, f"{name} tells what no robot can know", atol=1e-6)
+        close(views[0][name], shown, f"{name} tells what no robot can know")
         if np.ndim(shown):
             shown[:] = 9
     equal(views[0]["robots"], [2, 1])
@@ -717,28 +661,13 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth(make):
         assert values.max() <= 1, "a planner wrote into its view: hand out copies"
 
 
-def test_another_goal_amid_a_walk_is_a_new_one(make):
-    world, one = make(env.FootstepWorld, 2, noise=True), [1]
-    world.reset(np.arange(2), goals=[[0.0, 0.0, 0.0]] * 2)
-    world.look(one)
-    neutral = world.neutral_action[None]
-    assert world.step(neutral, one)["inside"][0]
-    world.set_goal(one, [[0.3, 0.0, 1.0]])
-    error = world.look(one).goal - world.relative_goal(one)
-    assert np.abs(error).max() < 0.25, "what was estimated of the old goal is forgotten"
-    world.set_goal(one, world.pose[one])
-    assert not world.step(neutral, one)["success"][0], "at another goal than before: the first time"
-    assert world.step(neutral, one)["success"][0] and world.steps.tolist() == [0, 3]
-    equal(world.goal[0], 0)
-
-
 CHANGES = {  # a student's first change of a number, in both simulators
     "a mass": {"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=3.0))},
     "a length": {"robot": replace(ROBOT, thigh_length=0.175)},
     "the walk": {"walk": {"foot_rise": 0.03}},
     "a slower walk": {"walk": {"half_ticks": 35}},
-    "a limit": {"limits": env.StepLimits((-0.1, -0.04, -0.3), (0.1, 0.1, 0.4))},
-    "the spread": {"spread": env.Spread(mass=0.3, delay=0)},
+    "no choice sideways": {"limits": env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.4))},
+    "the spread": {"spread": Spread(mass=0.3, delay=0)},
 }
 
 
@@ -748,8 +677,8 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     settings = dict(CHANGES[change])
     if "walk" in settings:
         settings["walk"] = replace(walk_engine.TUNED[sim], **settings["walk"])
-    world, robots = make(env.FootstepWorld, 4, sim, **settings), np.arange(4)
-    world.reset(robots, [env.stream("training", 1, i) for i in robots], [[0.5, 0.1, 0.3]] * 4)
+    world, robots = make(FootstepWorld, 4, sim, **settings), np.arange(4)
+    world.reset(robots, [stream("training", 1, i) for i in robots], [[0.5, 0.1, 0.3]] * 4)
     for _ in range(4):
         result = world.step(env.hand_written(world.look(robots).goal, world.limits), robots)
     assert not result["fall"].any(), f"{change}: it should walk with other numbers, too"
@@ -757,57 +686,54 @@ def test_whoever_changes_a_number_can_walk(make, sim, change):
     make(gym.make, "Footsteps-v0", sim=sim, **settings).reset()
 
 
-IMPOSSIBLE = {  # settings of a world, by the name that the message must hold
-    "mass=1.0": {"spread": env.Spread(mass=1.0)},
-    "delay=2": {"spread": env.Spread(delay=2)},
-    "gyro": {"spread": env.Spread(gyro=math.nan)},
-    "time_limit": {"task": env.Task(time_limit=0.0)},
-    "push_every": {"task": env.Task(push_every=0.0)},
-    "near_m": {"task": env.Task(near_m=0.0)},
-    "noise_m": {"task": env.Task(noise_m=-0.1)},
-    "half_ticks": {"walk": replace(WALK, half_ticks=0)},
-    "reflex": {"walk": replace(WALK, reflex=-0.05)},
-    "trunk_phase": {"walk": replace(WALK, trunk_phase=math.nan)},
-    "torque_limit": {"robot": replace(ROBOT, torque_limit=(1.0, math.nan))},
-    "friction": {"robot": replace(ROBOT, friction=-0.1)},
-    "Link: mass": {"robot": replace(ROBOT, foot=replace(ROBOT.foot, mass=0.0))},
-    "Link: com": {"robot": replace(ROBOT, foot=replace(ROBOT.foot, com=(0, math.nan, 0)))},
-    "high": {"limits": env.StepLimits((-0.1, 0, -0.3), (-0.2, 0.1, 0.3))},
-    "low": {"limits": env.StepLimits((-0.1, math.inf, -0.3), (0.2, 0.1, 0.3))},
-    "shape (3,)": {"limits": env.StepLimits((-0.1, 0), (0.2, 0.1))},
-    "drift": {"drift": (0.01, 0.01)},
-    "drift (0.01, -0.01, 0.1)": {"drift": (0.01, -0.01, 0.1)},
-    "push": {"push": -1.0},
-    "push must be finite": {"push": math.nan},
-    "at least 1": {"num_robots": 0},
-    "'bullet'": {"sim": "bullet"},
-}
+IMPOSSIBLE = [  # of which setting, which field ("": all of it), and a value that cannot be
+    ("spread", "mass", 1.0),
+    ("spread", "delay", 2),
+    ("spread", "gyro", math.nan),
+    ("task", "time_limit", 0.0),
+    ("task", "push_every", 0.0),
+    ("task", "near_m", 0.0),
+    ("task", "noise_m", -0.1),
+    ("walk", "half_ticks", 0),
+    ("walk", "reflex", -0.05),
+    ("walk", "trunk_phase", math.nan),
+    ("robot", "torque_limit", (1.0, math.nan)),
+    ("robot", "friction", -0.1),
+    ("foot", "mass", 0.0),
+    ("foot", "com", (0, math.nan, 0)),
+    ("limits", "high", (-0.2, 0.1, 0.3)),
+    ("limits", "low", (-0.1, math.inf, -0.3)),
+    ("limits", "low", (-0.1, 0)),
+    ("drift", "", (0.01, 0.01)),
+    ("drift", "", (0.01, -0.01, 0.1)),
+    ("push", "", -1.0),
+    ("push", "", math.nan),
+    ("num_robots", "", 0),
+    ("sim", "", "bullet"),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", IMPOSSIBLE)
-def test_impossible_settings_are_one_line_when_a_world_is_made(name):
+@pytest.mark.parametrize("setting, field, value", IMPOSSIBLE, ids=str)
+def test_impossible_settings_are_one_line_when_a_world_is_made(setting, field, value):
+    possible = {"spread": Spread(), "task": TASK, "walk": WALK, "limits": env.LIMITS["pymunk"]}
+    possible |= {"robot": ROBOT, "foot": ROBOT.foot}
+    wrong = {setting: replace(possible[setting], **{field: value}) if field else value}
+    if setting == "foot":
+        wrong = {"robot": replace(ROBOT, **wrong)}
     with pytest.raises(ValueError, match=r"\A.+\Z") as caught:
-        env.FootstepWorld(**{"num_robots": 1, **IMPOSSIBLE[name]})
-    assert name in str(caught.value), "say which setting it is"
+        FootstepWorld(**{"num_robots": 1, **wrong})
+    assert (field or str(value)) in str(caught.value), "say which setting it is"
 
 
 def test_an_impossible_body_is_one_line(make):
-    world = make(env.FootstepWorld, 1)
+    world = make(FootstepWorld, 1)
     body = robot_model.Body.as_model(ROBOT, 1)
     with pytest.raises(ValueError, match="Body: stiction"):
         world.simulator.reset([0], replace(body, stiction=-body.mass))
 
 
-def test_limits_may_leave_no_choice(make):
-    """A natural experiment: no sideways steps at all."""
-    world = make(env.FootstepWorld, 2, limits=env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.3)))
-    close(world.neutral_action, 0.5, "where high = low, every action is the same: 0.5")
-    world.step(np.full((2, 6), 0.7), [0, 1])
-    assert np.isfinite(world.look([0, 1]).observation).all()
-
-
 def test_a_time_limit_below_a_double_step_ends_an_episode_with_its_first(make):
-    envs = make(env.FootstepVectorEnv, 2, staggered=True, task=replace(TASK, time_limit=0.3))
+    envs = make(FootstepVectorEnv, 2, staggered=True, task=replace(TASK, time_limit=0.3))
     envs.reset(seed=0)
     assert envs.step(np.full((2, 6), 0.5))[3].all()
 
@@ -828,15 +754,14 @@ IN, OUT, FALL = (0.0, 0), (0.2, 0), "falls, inside"  # from the goal [m], [°]
 
 
 @pytest.mark.parametrize("ends, want, counted", [  # of the double steps; how it ends; its time
-    ([IN, IN], "success", 1), ([OUT, IN, IN], "success", 2), ([IN, OUT, IN, IN], "success", 3),
-    ([IN, OUT], "", 2), ([IN, OUT, IN], "", 3), ([IN, FALL], "fall", 2), ([FALL], "fall", 1),
-    ([(0.049, 9.9)] * 2, "success", 1), ([(-0.049, -9.9)] * 2, "success", 1),
-    ([(0.0, 360)] * 2, "success", 1), ([(0.051, 0)] * 2, "", 2), ([(0.0, 10.1)] * 2, "", 2),
+    ([IN, IN], "success", 1), ([IN, OUT, IN, IN], "success", 3), ([IN, FALL], "fall", 2),
+    ([(0.049, 9.9)] * 2, "success", 1), ([(0.0, 360)] * 2, "success", 1),
+    ([(0.051, 0)] * 2, "", 2), ([(0.0, 10.1)] * 2, "", 2),
     ([(0.0, -10.1)] * 2, "", 2),
 ])  # fmt: skip
-def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, monkeypatch, ends, want, counted):
+def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, ends, want, counted):
     # Noise must not matter: the true pose counts.
-    world, robots = make(env.FootstepWorld, 3, noise=True), [2, 0]
+    world, robots = make(FootstepWorld, 3, noise=True), [2, 0]
     # First it starts at its goal, which does not count as having been there. The second time
     # nothing is left of the first episode.
     for goal in np.array([[0, 0, 0], [0.7, -0.2, 1.0]]):
@@ -844,9 +769,9 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, monkeypatch, ends
         for step, end in enumerate(ends, 1):
             x, yaw = IN if end is FALL else end
             off = [0.6 * x, 0.8 * x, math.radians(yaw)], [0.2, 0, 0]  # of robot 2, of robot 0
-            both = motion(goal + off, [end is FALL, False])
-            monkeypatch.setattr(world.simulator, "run", lambda *_, both=both, **__: both)
+            follow(world, motion(goal + off, [end is FALL, False]))
             world.look(robots)
+            world.set_goal([1], [[9.0, 9.0, 0.0]])  # that of another robot
             result = world.step(np.full((2, 6), 0.4), robots)
             got = [name for name in ("success", "fall", "timeout") if result[name][0]]
             assert got == ([want] if want and step == len(ends) else []), (
@@ -867,55 +792,59 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, monkeypatch, ends
 
 
 @BOTH
-@pytest.mark.parametrize("limit", [TASK.time_limit, 3.0])
-def test_no_time_left_truncates_and_does_not_terminate(make, monkeypatch, sim, limit):
-    envs = make(env.FootstepVectorEnv, 5, sim, task=replace(TASK, time_limit=limit))
-    whole = math.floor(limit / envs.world.engine.period + 1e-9)  # double steps that fit into it
+@pytest.mark.parametrize("limit", [TASK.time_limit, 3.1])  # [s] 3.1: five double steps
+def test_no_time_left_truncates_and_does_not_terminate(make, sim, limit):
+    envs = make(FootstepVectorEnv, 5, sim, task=replace(TASK, time_limit=limit))
+    period, usual = envs.world.engine.period, envs.world.engine.period_ticks
+    whole = math.floor(limit / period + 1e-9)  # double steps that fit into it
     away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
-    # Where the last two double steps end, and how the episode does; robot 0 has one more
-    first = [away, away, away, goal, goal]
-    second = [away, away, goal, goal, goal]
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    envs.world.ticks[:] = np.subtract(whole, [3, 2, 2, 2, 2]) * envs.world.engine.period_ticks
-    for poses, fell in ((first, np.zeros(5, bool)), (second, want == "fall")):
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, m=motion(poses, fell), **__: m)
+    envs.world.ticks[:] = np.subtract(whole, [3, 2, 2, 2, 2]) * usual
+    for (
+        poses,
+        falls,
+    ) in (  # where the last two double steps end, and who falls; robot 0 has one more
+        ([away, away, away, goal, goal], False),
+        ([away, away, goal, goal, goal], want == "fall"),
+    ):
+        follow(envs.world, motion(poses, falls))
         _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
-        assert (terminated | truncated).any() == (poses is second), "there was time for two"
+        assert (terminated | truncated).any() == np.any(falls), "there was time for two"
     hint = "a time-out truncates: stage 4 bootstraps there, and not after a fall"
     equal(truncated, want == "timeout", hint)
     equal(terminated, np.isin(want, ("success", "fall")), hint)
+    for mask in ("_final_obs", "_final_info"):
+        equal(infos[mask], want != "", f"{mask} says which episodes ended")
     for name in ("success", "fall", "timeout"):
         equal(infos["final_info"][name], want == name)
     counted = whole - np.isin(want, ("", "success"))
-    close(infos["final_info"]["time"], counted * envs.world.engine.period)
+    close(infos["final_info"]["time"], counted * period)
     close(infos["final_obs"][1, 0], 1.0, "one metre was left")
-    equal(envs.world.ticks, np.array([whole - 1, 0, 0, 0, 0]) * envs.world.engine.period_ticks)
+    equal(envs.world.ticks, np.array([whole - 1, 0, 0, 0, 0]) * usual)
 
 
-def test_seconds_are_counted_also_while_a_double_step_waits(make, monkeypatch):
-    envs = make(env.FootstepVectorEnv, 3, task=replace(TASK, time_limit=2.0))
-    usual = envs.world.engine.period_ticks
-    goals = np.array([[1.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0]])
-    envs.reset(seed=0, options={"goals": goals})
-    for step, waits in enumerate(([0, 0, 0], [40, 8, 0]), 1):
-        done = motion(np.zeros((3, 3)), [False] * 3)
-        done.ticks = usual + np.array(waits)
-        monkeypatch.setattr(envs.world.simulator, "run", lambda *_, done=done: done)
-        *_, truncated, infos = envs.step(np.tile(envs.neutral_action, (3, 1)))
-        cost = infos["reward_terms"]["r_time"] * usual / (usual + np.array(waits))
+def test_seconds_are_counted_also_while_a_double_step_waits(make):
+    world, robots = make(FootstepWorld, 3, task=replace(TASK, time_limit=2.0)), np.arange(3)
+    usual = world.engine.period_ticks
+    world.reset(robots, goals=[[1.0, 0, 0], [0.0, 0, 0], [1.0, 0, 0]])
+    for waits in np.array([[0, 0, 0], [40, 8, 0]]):
+        done = motion(np.zeros((3, 3)))
+        done.ticks += waits
+        follow(world, done)
+        result = world.step(np.tile(world.neutral_action, (3, 1)), robots)
+        cost = result["reward_terms"]["r_time"] * usual / done.ticks
         close(cost, -TASK.s_time, "time costs by the second: more for a double step that waited")
-        assert truncated.tolist() == [step == 2, False, False], "1.64 s: no time for another one"
-    last = infos["final_info"]
-    close(last["time"], [2 * usual / 100 + 0.4, usual / 100, 2 * usual / 100], "[s]; the success "
+        no_time = [waits.any(), False, False]
+        equal(result["timeout"], no_time, "1.64 s: no time for another one")
+    close(result["time"], [2 * usual / 100 + 0.4, usual / 100, 2 * usual / 100], "[s]; the success "
           "was there after the first double step")  # fmt: skip
 
 
-def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make, monkeypatch):
+def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short(make):
     settings = {"task": replace(TASK, time_limit=7.0, goal_std_m=1e4, far_std_m=1e4)}
-    envs = make(env.FootstepVectorEnv, 8, staggered=True, **settings)
-    there = motion(np.zeros((8, 3)), [False] * 8)
-    monkeypatch.setattr(envs.world.simulator, "run", lambda robots, plan, disturbance: there)
+    envs = make(FootstepVectorEnv, 8, staggered=True, **settings)
+    follow(envs.world, motion(np.zeros((8, 3))))
     envs.reset(seed=1)
     whole = envs.world.max_steps
     ends = np.array([envs.step(np.full((8, 6), 0.5))[3] for _ in range(3 * whole)])  # [K, 8]

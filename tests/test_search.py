@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import search
 from checks import close
+from test_05_evaluate import view
 
 env, robot_model = common.env, common.robot_model
 LIMITS = env.LIMITS["pymunk"]
@@ -123,12 +124,6 @@ def lattice_planner(small_map, change):
     small_map(half=9, turns=4)
     moves = in_metres(LATTICE)
     return search.Planner((STEPS, moves, search.steps_to_go(moves, HERE), change))
-
-
-def view(goal, limits=LIMITS, actions=None):
-    """What a planner sees of one robot with this goal [1, 3]."""
-    blank = dict.fromkeys(env.View.__dataclass_fields__) | {"goal": goal, "robots": np.array([0])}
-    return env.View(**blank | {"limits": limits, "actions": actions})
 
 
 def decision(planner, pose, last=0):

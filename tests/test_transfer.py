@@ -87,7 +87,7 @@ def test_the_team_s_legs_are_ours_in_every_pose(urdf, mend):
         for leg, foot in enumerate((parts[6], parts[12])):
             close(data.body(foot).xpos, points[leg, 2] + ROBOT.hips[leg], foot)
             rolled = transfer.MISTAKE * (leg == 1 and not mend)
-            published = robot_model.rotation(np.array(-rolled), np.zeros(()), np.zeros(()))
+            published = robot_model.rotation(-rolled, 0, 0)
             close(data.body(foot).xmat.reshape(3, 3), turn[leg] @ published, "published: rolled")
     close(model.jnt_range[1:12], np.tile([-1.5, 2.0], (11, 1)), "limits turn with signs and zeros")
 
@@ -192,7 +192,8 @@ def test_the_search_for_a_walk_takes_another_robot(monkeypatch):
         return {"speeds": rates, "tracking": rates, "stood": 1.0, "steps": 1.0, **feet}
 
     monkeypatch.setattr(walk, "measure", measure)
-    walk.tune("mujoco", 0, (2, 9, 3), **own)
+    monkeypatch.setattr(walk, "SIZES", (2, 9, 3))
+    walk.tune("mujoco", 0, **own)
     low, high = 0.65 * np.array(walk.SEARCH["trunk_height"])
     for parameters, world in seen:
         assert world == {"robot": own["robot"], "limits": own["limits"]}

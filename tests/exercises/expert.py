@@ -2,13 +2,14 @@
 
     python 05_evaluate.py --mujoco --noise --far --planner tests/exercises/expert.py
 
-It commands how far the robot moves in a double step, (x, y, turn), and uses four ideas:
-1. Half of the right foot's last step is still to be walked: it aims from where it comes to rest.
-2. It brakes late: it is as fast as it may be to stop at the goal, if it slows down by the same
-   amount in every double step.
-3. On the way it may turn to the goal, or its back to it, until it is near. It rolls its own law out
-   for each way of facing, and takes the one that arrives first.
-4. Both feet share a way sideways and a turn, each in proportion to its limit.
+The planner commands how far the robot moves in a double step, (x, y, turn), and uses four ideas:
+1. Half of the right foot's last step is still to be walked. So the planner takes the goal as seen
+   from where the robot will come to rest.
+2. The robot brakes late: it is as fast as it may be to stop at the goal, if it slows down by the
+   same amount in every double step.
+3. Until it is near, the robot may face the goal, or turn its back to it. The planner simulates its
+   own law for each of these, and takes the one with which the robot arrives first.
+4. Both feet share a sideways distance and a turn, each in proportion to its limit.
 """
 
 from dataclasses import dataclass
@@ -27,9 +28,9 @@ class Settings:
     """Tuned in 3-D by `tests/studies/baseline.py --only expert`, 2026-11-25."""
 
     top: tuple = (0.8025, 0.5049, 0.7976)  # largest command, share of the limits: x, y, turn
-    change: tuple = (0.8658, 0.7436, 0.7063)  # its largest change, likewise, in a double step
+    change: tuple = (0.8658, 0.7436, 0.7063)  # its largest change in a double step, also a share
     together: float = 1.5262  # largest sum of the three shares
-    gain: float = 0.8886  # share of the way that is left, near the goal
+    gain: float = 0.8886  # share of the distance that is left, near the goal
 
 
 def law(rest, last, facing, limits, settings):

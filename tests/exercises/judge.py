@@ -3,15 +3,15 @@
     python tests/exercises/judge.py submissions/ --seed 417 418     all .py files of a folder
     python tests/exercises/judge.py ada.py bob.py --seed 417 418
 
-Each file walks in 3-D to the same 500 near and 500 far goals of every seed, with noise, and to the
-far ones again with pushes of 0.4 m/s; so do `policy` and `baseline_tuned`. The world is in this
-process. A planner is in one of its own, its file alone in an empty folder; it receives the views and
-sends back actions, nothing else. (What a file can still do, as every program of yours: read your
-other files. So choose seeds that nobody knows, and let strangers' files run as another user.)
-It has --patience seconds for a decision, and half an hour for all of them. A file that fails or takes
-too long is named and left out. After every planner leaderboard.md and .png are written, to
-runs/contest/. Only --episodes 500 and two seeds, the defaults, count. Without a file: the planners
-of README, as shipped in results/.
+With each planner the robots walk in 3-D to the same 500 near and 500 far goals of every seed, with
+noise, and to the far ones again with pushes of 0.4 m/s. `policy` and `baseline_tuned` take part in
+every contest. The world is in this process. A planner is in a process of its own, its file alone in
+an empty folder; it receives the views and sends back actions, nothing else. (Like every program of
+yours it can still read your other files. So choose seeds that nobody knows, and let strangers' files
+run as another user.) It has --patience seconds for a decision, and half an hour for all of them. A
+file that fails or takes too long is named and left out. After every planner the judge writes
+leaderboard.md and leaderboard.png to runs/contest/. Only --episodes 500 and two seeds, the defaults,
+count. Without a file it prints the table of the planners of README, as shipped in results/.
 """
 
 import multiprocessing

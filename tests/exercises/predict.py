@@ -50,7 +50,7 @@ def sharpness(sim):
 
 
 def reflex(sim):
-    """Share of 96 drawn robots that stay up for eight double steps, by the gain of the reflex."""
+    """Share of 96 random robots that stay up for eight double steps, by the gain of the reflex."""
     dice, task, limits = np.random.default_rng(0), env.Task(), env.LIMITS[sim]
     plans = dice.uniform(limits.low, limits.high, (96, 8, 2, 3))
     forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
@@ -77,13 +77,13 @@ def reflex(sim):
 
     for gain in (0.0, 0.05, 0.1, 0.2):
         print(
-            f"gain {gain:.2f} s: {standing(gain, plans, 0):.2f} of the random plans stood, "
-            f"{standing(gain, forward, force):.2f} of the pushed walks"
+            f"gain {gain:.2f} s: up after {standing(gain, plans, 0):.2f} of the random plans, "
+            f"after {standing(gain, forward, force):.2f} of the pushed walks"
         )
 
 
 def joints(sim):
-    """Falls and times in 500 far walks with noise, if less is drawn than in the training."""
+    """Falls and times in 500 far walks with noise, if less is random than in the training."""
     trials, nothing = evaluate.draw_trials(0, 500, far=True), env.Spread(0, 0, 0, 0, 0, 0)
     planners = {
         "policy": common.policy(evaluate.default_policy(sim), sim),
@@ -92,7 +92,7 @@ def joints(sim):
     for title, spread in {
         "as trained": env.Spread(),
         "no friction": env.Spread(stiction=0.0),
-        "nothing drawn": nothing,
+        "bare model": nothing,
     }.items():
         world = env.FootstepWorld(500, sim, noise=True, spread=spread)
         for name, planner in planners.items():
@@ -137,5 +137,5 @@ def main():
     EXPERIMENTS[args.name](args.sim)
 
 
-if __name__ == "__main__":  # the simulator's worker processes import this file again
+if __name__ == "__main__":
     robot_model.start(main)

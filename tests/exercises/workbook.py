@@ -31,7 +31,7 @@ ROWS = (
     ("reflex", ENGINE, ("WalkPlan.feedback",), 2, 40, ("test_02_walk_engine", "reflex_")),
     ("capture", ENGINE, ("capture_step", "waiting_pace"), 2, 40,
      ("test_02_walk_engine", "capture_", "waiting_")),
-    ("quintic", ENGINE, ("quintic",), 2, 30, ("test_02_walk_engine", "quintic_", "rest_to_rest")),
+    ("quintic", ENGINE, ("quintic",), 2, 30, ("test_02_walk_engine", "quintic_")),
     ("swing", ENGINE, ("WalkEngine._swing",), 3, 60,
      ("test_02_walk_engine", "swing_", "all_zero", "plans_of_many")),
     ("knot", ENGINE, ("WalkEngine._knot",), 3, 60, ("test_02_walk_engine", "trunk_passes", "plans_of_many")),

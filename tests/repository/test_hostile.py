@@ -1,5 +1,6 @@
 """Hard to break: bodies, consoles and ends of a process that nobody would wish for."""
 
+import contextlib
 import io
 import os
 import subprocess
@@ -10,8 +11,9 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from checks import BOTH
+from checks import BOTH, locked
 from sheet import ROOT
+from test_workbook import run
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
@@ -99,7 +101,8 @@ assert plt.get_fignums() == [1]
 
 
 def test_a_stage_leaves_the_figures_of_a_notebook_alone():
-    subprocess.run([sys.executable, "-c", NOTEBOOK], cwd=ROOT, check=True)
+    done = run("-c", NOTEBOOK)
+    assert done.returncode == 0, done.stderr
 
 
 UNGUARDED = """
@@ -129,7 +132,6 @@ def test_a_script_needs_no_main_guard(tmp_path, place):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_a_world_in_a_forked_process_says_so_and_does_not_hang():
     code = """
 import multiprocessing
@@ -145,10 +147,9 @@ child.start()
 child.join(30)
 assert child.exitcode == 0, "it hangs"
 """
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, check=True, capture_output=True, text=True
-    )
-    assert done.stdout == "this world was made in another process: make one in this process\n"
+    done = run("-c", code)
+    said = "this world was made in another process: make one in this process\n"
+    assert (done.returncode, done.stdout) == (0, said), done.stderr
 
 
 def test_who_stops_reading_gets_no_traceback():
@@ -173,38 +174,12 @@ def test_two_trainings_that_write_one_file_leave_a_whole_one(tmp_path):
     assert path.read_text() == "first", "who is last wins, and the file is whole"
 
 
-@pytest.mark.parametrize("errors, kept", [(2, "new"), (99, "old")])
-def test_a_file_that_another_program_holds_is_tried_again_and_then_one_line(
-    tmp_path, monkeypatch, errors, kept
-):
-    """On Windows a file that is open, in Excel or a virus scanner, cannot be replaced."""
-    path, tries, replace_file = tmp_path / "trials.csv", [], os.replace
+@pytest.mark.parametrize("times, kept", [(2, "new"), (3, "old")])
+def test_a_file_that_another_program_holds_is_tried_again_and_then_one_line(tmp_path, times, kept):
+    """On Windows a file that is open, in Excel or a virus scanner, cannot be replaced. (The line:
+    `test_04_ppo.a_file_that_cannot`.)"""
+    path = tmp_path / "trials.csv"
     path.write_text("old")
-
-    def held(source, target):
-        tries.append(target)
-        if len(tries) <= errors:
-            raise PermissionError(13, "it is open")
-        replace_file(source, target)
-
-    monkeypatch.setattr(os, "replace", held)
-    monkeypatch.setattr(robot_model.time, "sleep", lambda seconds: None)
-    if kept == "old":
-        with pytest.raises(robot_model.InputError, match="cannot write .*trials.csv: it is open"):
-            robot_model.write_text(path, "new")
-    else:
+    with locked("trials.csv", times), contextlib.suppress(robot_model.InputError):
         robot_model.write_text(path, "new")
     assert path.read_text() == kept and [*tmp_path.iterdir()] == [path], "nothing half, no rest"
-
-
-def test_a_full_disk_is_one_line_and_the_old_file_stays(tmp_path):
-    path = tmp_path / "policy.pt"
-    path.write_text("old")
-
-    def full(temporary):
-        temporary.write_text("ha")
-        raise OSError(28, "No space left on device")
-
-    with pytest.raises(robot_model.InputError, match="policy.pt: No space left"):
-        robot_model.atomic_write(path, full)
-    assert path.read_text() == "old" and [*tmp_path.iterdir()] == [path]

@@ -23,7 +23,6 @@ EXERCISES = {
 }
 WITH_A_DOT = "|".join([*EXERCISES, *STUDIES])  # `search` alone is a planner
 NAME = re.compile(rf"`(0\d|test_\w+|(?:{WITH_A_DOT})(?=\.))((?:\.\w+)*)`")
-LEDGER = [line for line in TEXT["ledger.md"].splitlines() if line.startswith("|")]
 
 
 def exists(place, path):

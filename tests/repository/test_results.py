@@ -3,7 +3,6 @@
 import json
 import os
 import re
-import subprocess
 import sys
 from functools import cache
 from importlib import import_module
@@ -17,6 +16,7 @@ import PIL.Image
 import pytest
 from checks import BOTH, close, equal
 from test_scripts import check_picture, main_of
+from test_workbook import run
 
 evaluate = import_module("05_evaluate")
 env = evaluate.env
@@ -26,6 +26,9 @@ LONGEST = {
     "results/STUDIES.md": 240,  # lines
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
+    "tests/README.md": 40,
+    "tests/exercises/course.md": 340,
+    "tests/exercises/projects.md": 160,
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
@@ -305,9 +308,9 @@ def test_cheats_win_nothing_and_the_others_are_ranked(tmp_path):
     planner = re.search(r"```python\n(.*?)```", README, re.DOTALL)[1]
     for name, more in {"good": "", **CHEATS}.items():
         (tmp_path / f"{name}.py").write_text(planner + more, "utf-8")
-    command = [sys.executable, judge.__file__, tmp_path, "--episodes", "2", "--out", tmp_path]
-    command += ["--seed", "3", "--patience", "4"]
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", check=True)
+    flags = "--episodes 2 --seed 3 --patience 4 --out".split()
+    done = run(judge.__file__, tmp_path, *flags, tmp_path)
+    assert done.returncode == 0, done.stderr
     assert "of mine" in done.stderr, "a student's own error has its traceback"
     left = set(re.findall(r"^(\w+) is left out: ", done.stderr, re.MULTILINE))
     assert left == {"files", "rival", "hangs", "bad"}

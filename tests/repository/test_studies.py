@@ -3,8 +3,6 @@
 import itertools
 import math
 import runpy
-import subprocess
-import sys
 from argparse import Namespace
 from dataclasses import replace
 from functools import partial
@@ -22,7 +20,9 @@ import pytest
 import seeds
 import walk
 from checks import close, equal
+from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
+from test_workbook import run
 
 robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
@@ -99,7 +99,7 @@ def test_walks_are_those_of_stage_05_set_by_set():
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(400), np.zeros((400, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(400, "pymunk", noise=True, cores=1)
-    world.reset(robots, [np.random.default_rng([0, i]) for i in robots])
+    world.reset(robots, [default_rng([0, i]) for i in robots])
     seen = [world.noisy(env.NOISE, zero, robots, std) for world.steps[:] in (0, 1, 2, 0)]
     world.close()
     close(np.std(seen, (1, 2)), 0.05, "also the first", rtol=0.08)
@@ -120,7 +120,7 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
 
 
 def test_soles_are_where_mujoco_has_them():
-    rng, corners = np.random.default_rng(5), np.array([*itertools.product((-1, 1), (-1, 1), [-1])])
+    rng, corners = default_rng(5), np.array([*itertools.product((-1, 1), (-1, 1), [-1])])
     for torso in rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (40, 6)):
         joints = 0.5 * rng.uniform(np.tile(ROBOT.joint_min, 2), np.tile(ROBOT.joint_max, 2))
         ankle, lowest = walk.soles(ROBOT, torso, joints)  # [2, 3], [2]
@@ -177,14 +177,14 @@ def test_the_cross_entropy_method_draws_nearer_to_the_best():
         seen.append(drawn)
         return np.linalg.norm(drawn - optimum, axis=1)
 
-    rng = np.random.default_rng(0)
+    rng = default_rng(0)
     found = common.cross_entropy(costs, np.array([0.5, 0.5]), 0.1, (15, 28, 7), rng, 0.0, 1.0)
     close(found, optimum, atol=0.03)
     assert np.shape(seen) == (15, 28, 2) and 0 <= np.min(seen) and np.max(seen) <= 1
 
 
 def test_errors_that_repeat_add_up_in_what_the_filter_expects():
-    rng, planned = np.random.default_rng(0), np.tile([0.1, 0.0, 0.2], (4000, 8, 1))
+    rng, planned = default_rng(0), np.tile([0.1, 0.0, 0.2], (4000, 8, 1))
     own, new = rng.normal(0, 0.01, (4000, 1, 3)), rng.normal(0, 0.02, (4000, 8, 3))
     poses = [np.zeros((4000, 3))]
     for step in (planned + own + new + [0.003, 0, 0]).swapaxes(0, 1):
@@ -268,8 +268,8 @@ def test_a_chain_gives_the_next_goal_when_the_last_one_is_near():
         for _ in range(2):
             chain.act(world.look([0, 1]))
         close(world.goal, [ways[0][1], ways[1][0]], "robot 0 was near, robot 1 is far away")
-    close(asked[-1].goal, world.goal, "seen from the origin", atol=1e-6)
-    close(asked[-1].observation[0, :8], env.encode_goal(world.goal[0]), atol=1e-6)
+    close(asked[-1].goal, world.goal, "seen from the origin")
+    close(asked[-1].observation[0, :8], env.encode_goal(world.goal[0]))
 
 
 # ------------------------------------------------------------------------ cluster
@@ -280,8 +280,8 @@ def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
         ("alone", common.ROOT / "04_ppo.py", []),
         ("three", common.ROOT / "tests" / "studies" / "cluster.py", ["--actors", "3"]),
     ):
-        command = [sys.executable, script, "--steps", "2048", "--out", tmp_path / folder, *flags]
-        subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+        done = run(script, "--steps", "2048", "--out", folder, *flags, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
     models = [ppo.load_policy(tmp_path / folder / "policy.pt") for folder in ("alone", "three")]
     for one, other in zip(*(model.state_dict().values() for model, _ in models)):
         assert torch.equal(one, other), "where a robot walks must not change what it does"

@@ -18,7 +18,7 @@ import workbook
 from solutions import referee
 from solutions.mutants import HARMLESS
 from solutions.referee import emptied, graded, text_of
-from test_scripts import main_of
+from test_scripts import main_of, python
 from workbook import BOOK
 
 ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
@@ -27,15 +27,8 @@ README = (FOLDER / "README.md").read_text("utf-8")
 
 def run(*arguments, cwd=ROOT, **environment):
     """Python with these arguments, and what it prints."""
-    environment = {**os.environ, "PYTHONIOENCODING": "utf-8", **environment}
-    return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        cwd=cwd,
-        timeout=900,
-        capture_output=True,
-        encoding=environment["PYTHONIOENCODING"],
-        env=environment,
-    )
+    surrounding = {**os.environ, "PYTHONIOENCODING": "utf-8", **environment}
+    return python(*arguments, cwd=cwd, **surrounding)
 
 
 def grade(folder, *more, cwd=ROOT):
@@ -281,12 +274,6 @@ def test_every_exercise_has_right_solutions_in_other_ways_and_all_solutions_are_
     assert all(counts[name] >= 2 for name in BOOK), counts
     files = (FOLDER / "solutions").glob("*.py")
     assert sum(len(file.read_text("utf-8").splitlines()) for file in files) <= 1500
-
-
-def test_every_emptied_function_is_rejected():
-    results = graded([emptied([name], name, "not written yet") for name in BOOK])
-    for name, said in zip(BOOK, results):
-        assert said == [f"{name} is not written yet"], name
 
 
 def needs(name, known=frozenset()):

@@ -8,18 +8,22 @@ reflex; their walks are pushed, too.
 """
 
 import json
-from dataclasses import fields, replace
 from functools import partial
 from itertools import product
 
 import common
 import numpy as np
-from common import FEW, env, evaluate, ppo, robot_model, share
-from tqdm import tqdm
+from common import env, evaluate, pick, ppo, robot_model, share, values
 
 torch = ppo.torch
 DURATION = "two cores: ablations 40 minutes, robots 4; in 3-D twice that, then long 20"
 STEPS, GOALS = 25_600, 500  # double steps of a short training, near and far goals for it
+SEEDS = (0, 1, 2)  # of the short trainings
+
+
+def log_std(concentration):
+    """ln σ of a normal distribution as wide as a Beta with mean 0.5 and concentration c."""
+    return -0.5 * np.log(4 * (concentration + 1))  # σ² = 1 / (4·(c + 1))
 
 
 class GaussianActor(ppo.ActorCritic):
@@ -28,11 +32,8 @@ class GaussianActor(ppo.ActorCritic):
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
-        first = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim)
-        self.actor[-1].bias.data.copy_(first)
-        # σ² = 1 / (4·(c + 1)), that of a Beta with mean 0.5 and concentration c
-        log_std = -0.5 * np.log(4 * (concentration + 1))
-        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std))
+        self.actor[-1].bias.data.copy_(torch.as_tensor(first_action))
+        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std(concentration)))
 
     def policy(self, obs):
         std = self.log_std.exp() / self.sharpness**0.5  # p(x)^k is a normal distribution again
@@ -53,12 +54,12 @@ VARIANTS = {  # name: what differs from the reference
     "Gaussian policy, clipped": {"model": GaussianActor},
     PEER: {"model": GaussianActor, "config": {"sharpest": 1.0}},
     "no sharpening": {"config": {"sharpest": 1.0}},
-    "with IMU": {"imu": True},
+    "with IMU": {"world": {"imu": True}},
     BLIND: {},
     **{
-        f"without r_{field.name[2:]}": {"task": {field.name: 0.0}}
-        for field in fields(env.Task)
-        if field.name.startswith("s_")
+        f"without r_{name[2:]}": {"world": {"task": env.Task(**{name: 0.0})}}
+        for name in vars(env.Task())
+        if name.startswith("s_")
     },
 }
 ROBOTS = {
@@ -77,83 +78,82 @@ class ModePlanner(evaluate.PolicyPlanner):
             return self.model.policy(seen).mode.numpy()
 
 
-def judged(planner, sim, reflex=True):
+def judged(planner, sim, walk=None):
     """A row for 250 near and 250 far noisy goals."""
-    walk = None if reflex else common.without_reflex(sim)
     with common.world(sim, num_robots=GOALS // 2, walk=walk) as world:
-        parts = [
-            common.walks(planner, world, far, sets=1, per_set=GOALS // 2) for far in (False, True)
-        ]
-    return evaluate.summary("policy", True, None, common.together(parts), env.Task())
+        ended = common.near_and_far(planner, world)
+    return evaluate.summary("policy", True, None, ended, env.Task())
 
 
-def learn(sim, name, seed, steps, folder):
-    """Train this variant; returns its planner."""
+def walk_of(sim, name):
+    """The walk that a variant is trained and judged with; None: the usual one."""
+    return common.without_reflex(sim) if name == BLIND else None
+
+
+def learn(sim, name, seed, steps):
+    """Trains this variant; returns its planner and its folder."""
     variant = (VARIANTS | ROBOTS)[name]
-    task = replace(env.Task(), **variant.get("task", {}))
-    imu = variant.get("imu", False)
-
-    walk = common.without_reflex(sim) if name == BLIND else None
     make_envs = partial(
         env.FootstepVectorEnv,
         sim=sim,
         noise=True,
-        imu=imu,
         staggered=True,
-        task=task,
-        walk=walk,
+        walk=walk_of(sim, name),
+        **variant.get("world", {}),
     )
     config = ppo.PPOConfig(**variant.get("config", {}))
+    folder = common.work(sim, "ablations", f"{name}_{seed}_{steps}")
+    stopped = (folder / "checkpoint.pt").exists()
     model, _ = ppo.train(
-        config, make_envs, folder, steps, seed, make_model=variant.get("model", ppo.ActorCritic)
+        config,
+        make_envs,
+        folder,
+        steps,
+        seed,
+        resume=stopped,
+        make_model=variant.get("model", ppo.ActorCritic),
     )
-    return evaluate.PolicyPlanner(model)
+    return evaluate.PolicyPlanner(model), folder
 
 
-def ablate(sim, name, seed):
-    """The row of one short training; that of a finished one lies in its folder."""
-    folder = common.work(sim, "ablations", f"{name}_{seed}")
-    path = folder / "row.json"
-    if not path.is_file():
-        planner = learn(sim, name, seed, STEPS, folder)
-        row = judged(planner, sim, name != BLIND)
-        robot_model.write_text(path, json.dumps(row))
-    return {"variant": name, "seed": seed, **common.read_json(path)}
-
-
-def study_short(args, names, seeds=FEW):
+def study_short(args, names, seeds=SEEDS):
     """One training after the other."""
-    jobs = [*product(names, seeds)]
-    rows = [ablate(args.sim, *job) for job in tqdm(jobs, unit=" trainings")]
+    rows = []
+    for name, seed in product(names, seeds):
+        path = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}") / "row.json"
+        if not path.is_file():  # the row of a finished training stays until you delete it
+            planner, _ = learn(args.sim, name, seed, STEPS)
+            row = judged(planner, args.sim, walk_of(args.sim, name))
+            robot_model.write_text(path, json.dumps(row))
+        rows.append({"variant": name, "seed": seed, **common.read_json(path)})
     return {"steps": STEPS, "rows": rows}
 
 
 BY_MODE = "reference, by its mode"
 
 
-def long_row(sim, name, seed, far, push):
-    """The row of a training as long as the shipped ones, made if it is not there: 1,000 walks."""
-    folder, walk = common.RESULTS / sim / "seeds" / str(seed), None
-    if name == BLIND:
-        walk = common.without_reflex(sim)
-        folder = common.work(sim, "ablations", f"{name}_{seed}_long")
-        if not (folder / "policy.pt").is_file():
-            learn(sim, name, seed, ppo.STEPS, folder)
-    model, _ = ppo.load_policy(folder / "policy.pt")
-    log = np.genfromtxt(folder / "learning_curve.csv", delimiter=",", names=True)
-    critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-    planner = (ModePlanner if name == BY_MODE else evaluate.PolicyPlanner)(model)
-    with common.world(sim, push=push, walk=walk) as world:
-        row = common.row_of(common.walks(planner, world, far, sets=2), "policy", far)
-    return {"variant": name, "seed": seed, "critic": float(critic), "push": push, **row}
-
-
 def study_long(args):
-    """The shipped training by both rules, and the other one with its seed."""
-    seed = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")[1]["seed"]
-    jobs = product(("reference", BY_MODE, BLIND), (False, True), (0.0, 0.4))
-    rows = [long_row(args.sim, name, seed, far, push) for name, far, push in jobs]
-    return {"rows": rows}
+    """The shipped training by both rules, and one with its seed without the reflex: 1,000 walks for
+    every row.
+    """
+    folder = common.RESULTS / args.sim
+    model, about = ppo.load_policy(folder / "policy.pt")
+    seed = about["seed"]
+    blind, blind_folder = learn(args.sim, BLIND, seed, ppo.STEPS)
+    rows = []
+    for name, planner, log in (
+        ("reference", evaluate.PolicyPlanner(model), folder),
+        (BY_MODE, ModePlanner(model), folder),
+        (BLIND, blind, blind_folder),
+    ):
+        log = np.genfromtxt(log / "learning_curve.csv", delimiter=",", names=True)
+        critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
+        about = {"variant": name, "seed": seed, "critic": critic}
+        for far, push in product((False, True), (0.0, 0.4)):
+            with common.world(args.sim, push=push, walk=walk_of(args.sim, name)) as world:
+                ended = common.walks(planner, world, far, sets=2)
+            rows.append(common.row_of(ended, "policy", far, **about, push=push))
+    return rows
 
 
 PARTS = {
@@ -179,12 +179,12 @@ def found(data):
 
     def means(part, key, names):
         rows = plane[part]["rows"]
-        return [np.mean(common.values(rows, key, variant=name)) for name in names]
+        return [np.mean(values(rows, key, variant=name)) for name in names]
 
     arrived = dict(zip(VARIANTS, means("ablations", "success", VARIANTS)))
     distance = share(arrived.pop("without r_d"))
     usual, blind = (
-        share(common.values(long, "fall", goal_std_m=1.0, push=0.4, variant=name), 1)
+        share(values(long, "fall", goal_std_m=1.0, push=0.4, variant=name), 1)
         for name in ("reference", BLIND)
     )
     return {
@@ -199,7 +199,7 @@ def found(data):
         "blind": f"Trained without the reflex, a policy falls in {blind} of 1,000 pushed walks to "
         f"other far goals; trained with it, in {usual}.",
         "long": "Long trainings in 3-D, on the way to far goals:\n\n"
-        + common.table(common.pick(long, goal_std_m=1.0), LONG),
+        + common.table(pick(long, goal_std_m=1.0), LONG),
     }
 
 

@@ -12,13 +12,12 @@ policy: the trainings on the same walks. The figure shows what speed costs each 
 """
 
 import sys
-from dataclasses import fields
 from functools import partial
 
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import RESULTS, ROOT, evaluate
+from common import ROOT, evaluate, pick, share, values
 from tqdm import tqdm
 
 sys.path.append(str(ROOT / "tests" / "exercises"))
@@ -34,49 +33,43 @@ LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's;
 MAX_FALLS, MAX_PUSHED = 0.005, 0.05  # share of the walks; of those with pushes
 LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
 Settings = evaluate.BaselineSettings
-TUNED = [entry.name for entry in fields(Settings) if entry.name != "share"]
+TUNED = [name for name in vars(Settings()) if name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
 
 
-def tuned_of(values):
+def tuned_of(settings):
     """The paper's controller with these settings, in the order of TUNED."""
-    return evaluate.BaselinePlanner(Settings(*values, share=True))
+    return evaluate.BaselinePlanner(Settings(*settings, share=True))
 
 
-def expert_of(values):
+def expert_of(settings):
     """The expert with these settings, in the order of EXPERT."""
-    return expert.Planner(expert.Settings(tuple(values[:3]), tuple(values[3:6]), *values[6:]))
+    top, change = tuple(settings[:3]), tuple(settings[3:6])
+    return expert.Planner(expert.Settings(top, change, *settings[6:]))
 
 
-def both(world, planner, first, sets, per_set=None):
-    """Near and far walks of the tuning together, with noise."""
-    return common.together(
-        [
-            common.walks(planner, world, far, sets, first, per_set, purpose="tuning")
-            for far in (False, True)
-        ]
-    )
+def tuning(planner, world, seed, count):
+    """The facts of so many near and as many far walks of the tuning, with noise."""
+    more = {"first": seed, "per_set": count, "purpose": "tuning"}
+    return facts(common.near_and_far(planner, world, **more))
 
 
 def facts(ended):
     """What counts of some walks, plain numbers."""
-    reached = ended["outcome"] == "success"
-
-    def mean(name):
-        return float(ended[name][reached].mean()) if reached.any() else None
-
-    shares = {name: float(np.mean(ended["outcome"] == name)) for name in evaluate.OUTCOMES}
-    return shares | {"time": mean("time"), "still_there": mean("still_there")}
+    row = common.row_of(ended, "")
+    shares = {name: row[name] for name in evaluate.OUTCOMES}
+    return shares | {"time": row["time_mean"], "still_there": row["still_there"]}
 
 
 def final(world, planner):
     """The facts of a planner on 2,000 noisy trials; pushed: share of falls in the 1,000 far ones,
     if it is pushed there.
     """
-    rows = facts(both(world, planner, 101, SETS))
+    others = {"sets": SETS, "first": 101, "purpose": "tuning"}
+    calm = common.near_and_far(planner, world, **others)
     with common.world(world.sim, push=PUSH) as windy:
-        ended = common.walks(planner, windy, True, SETS, 101, purpose="tuning")
-    return rows | {"pushed": facts(ended)["fall"]}
+        pushed = common.walks(planner, windy, far=True, **others)
+    return facts(calm) | {"pushed": facts(pushed)["fall"]}
 
 
 def cost(row, paper, price=PRICES[2]):
@@ -88,18 +81,17 @@ def cost(row, paper, price=PRICES[2]):
 
 
 def optimise(world, planner_of, start, paper):
-    """All candidates as (settings, facts, price), and the settings where it ends for each price."""
+    """All candidates' rows, and the settings where it ends for each price."""
 
     def plain(x):
-        return [round(float(value), 4) for value in np.exp(x)]
+        return np.exp(x).round(4).tolist()
 
     def costs(price, _, drawn):
-        rows = []
-        for x in tqdm(drawn, leave=False, unit=" candidates"):
-            row = facts(both(world, planner_of(plain(x)), 1 + len(tried) // SIZES[1], 1, WALKS))
-            rows.append((plain(x), row, price))
-        found = [cost(row, paper, price) for _, row, _ in rows]
-        tried.extend(rows)
+        found, seed = [], 1 + len(tried) // SIZES[1]  # all candidates have the same goals
+        for settings in map(plain, tqdm(drawn, leave=False, unit=" candidates")):
+            row = tuning(planner_of(settings), world, seed, WALKS)
+            tried.append({"settings": settings, "price": price, **row})
+            found.append(cost(row, paper, price))
         print(f"price {price:.0f} s: mean {found[0]:.2f} s, best {min(found):.2f} s", flush=True)
         return found
 
@@ -134,7 +126,7 @@ def searched(args, planner_of, names, now):
         tried, ends = optimise(world, planner_of, now, paper)
         rows = [
             {"price": price, "settings": dict(zip(names, at)), **final(world, planner_of(at))}
-            for price, at in tqdm([*zip(PRICES, ends), (None, now)], unit=" finalists")
+            for price, at in [*zip(PRICES, ends), (None, now)]
         ]
     best, rule = choose(rows, paper)
     return {
@@ -142,7 +134,7 @@ def searched(args, planner_of, names, now):
         "rule": rule,
         "paper": paper,
         "finalists": [row | {"chosen": row is best} for row in rows],
-        "tried": [{"settings": values, "price": price, **row} for values, row, price in tried],
+        "tried": tried,
     }
 
 
@@ -166,11 +158,11 @@ def study_expert(args):
 
 def study_policy(args):
     """The trainings on the same walks."""
-    rows = []
     with common.world(args.sim) as world:
-        for seed in common.SEEDS[args.sim]:
-            file = RESULTS / args.sim / "seeds" / str(seed) / "policy.pt"
-            rows.append({"seed": seed, **final(world, common.policy(file, args.sim))})
+        rows = [
+            {"seed": seed, **final(world, planner)}
+            for seed, planner in common.trainings(args.sim).items()
+        ]
     return {"trials": 2 * SETS * common.PER_SET, "rows": rows}
 
 
@@ -187,28 +179,34 @@ def table(found, sim):
     """The finalists beside the paper's settings, and the trainings."""
     facts = {"fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_there": 3}
     text = ""
-    for part, names in (("baseline_tuned", TUNED), ("expert", EXPERT)):
+    for part in ("baseline_tuned", "expert"):
         if part in found:
             rows = [row | row["settings"] for row in found[part]["finalists"]]
+            settings = dict.fromkeys(rows[0]["settings"], 2)
+            columns = {"price": 0} | settings | facts | {"chosen": 0}
             rows.insert(0, {"chosen": "paper", **found[part]["paper"]})
-            columns = {"price": 0} | dict.fromkeys(names, 2) | facts | {"chosen": 0}
-            text += (
-                f"### {part}\n\n{common.table(rows, columns)}\nChosen: {found[part]['rule']}.\n\n"
-            )
+            rule = f"Chosen: {found[part]['rule']}."
+            text += f"### {part}\n\n{common.table(rows, columns)}\n{rule}\n\n"
     return text + common.sections(found, {"policy": {"seed": 0} | facts})
 
 
 def plot(found, sim):
     """Time over falls, without pushes and with them: what speed costs."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
-    titles = "near and far, % of 2,000 walks", "far, pushed, % of 1,000 walks"
-    for axis, key, title in zip(axes, ("fall", "pushed"), titles):
+    titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
+    for axis, (key, title) in zip(axes, titles.items()):
         for part, marker in SHOWN.items():
             if part in found:
                 rows = found[part].get("finalists") or found[part]["rows"]
-                share = [100 * row[key] for row in rows]
-                time = [row["time"] for row in rows]
-                axis.plot(share, time, marker, ms=10, color=common.COLORS[part], label=part)
+                falls = 100 * np.array(values(rows, key))
+                axis.plot(
+                    falls,
+                    values(rows, "time"),
+                    marker,
+                    ms=10,
+                    color=common.COLORS[part],
+                    label=part,
+                )
         axis.set(xlabel=f"falls: {title}", xlim=(0, None))
     axes[0].legend()
     axes[0].set_ylabel("mean time, near and far [s]")
@@ -219,17 +217,16 @@ def plot(found, sim):
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
     parts = data["mujoco"]
-    (tuned,), (by_hand,) = (
-        common.pick(parts[part]["finalists"], chosen=True) for part in ("baseline_tuned", "expert")
-    )
-    times, falls = ([row[key] for row in parts["policy"]["rows"]] for key in ("time", "fall"))
+    (tuned,) = pick(parts["baseline_tuned"]["finalists"], chosen=True)
+    (by_hand,) = pick(parts["expert"]["finalists"], chosen=True)
+    times, falls = (values(parts["policy"]["rows"], key) for key in ("time", "fall"))
     return {
         "tuned": f"In 3-D `baseline_tuned` needs {tuned['time']:.1f} s for near and far goals "
         f"together, the paper's settings {parts['paper']['time']:.1f} s.",
         "expert": f"`expert` needs {by_hand['time']:.2f} s and falls in "
-        f"{common.share(by_hand['fall'], 2)}; on the same goals the trainings of the policy need "
-        f"{min(times):.2f} to {max(times):.2f} s and fall in {common.share(min(falls), 2)} to "
-        f"{common.share(max(falls), 2)}.",
+        f"{share(by_hand['fall'], 2)}; on the same goals the trainings of the policy need "
+        f"{min(times):.2f} to {max(times):.2f} s and fall in {share(min(falls), 2)} to "
+        f"{share(max(falls), 2)}.",
     }
 
 

@@ -26,7 +26,6 @@ import common
 import gymnasium as gym
 import numpy as np
 from common import ROOT, env, evaluate, ppo, robot_model
-from gymnasium.vector.utils import batch_space
 
 DURATION = "to train as long as stage 04; --only speed: 2 minutes"
 TOLD = "success", "fall", "timeout", "time"  # what stage 04 asks of an ended episode
@@ -37,31 +36,28 @@ SHORT = 8_192  # double steps, to compare and to measure the speed
 class Part:
     """Some of the robots, in a process anywhere."""
 
-    def __init__(self, first, count, settings):
-        self.first = first
+    def __init__(self, count, settings):
         self.envs = env.FootstepVectorEnv(count, cores=1, **settings)
 
-    def reset(self, seed, less, options):
+    def reset(self, seeds, less):
         """less [count]: double steps that the first episodes are shorter (`staggered`)."""
-        seed = None if seed is None else seed + self.first
-        observations, _ = self.envs.reset(seed=seed, options=options)
+        observations, _ = self.envs.reset(seed=int(seeds[0]))
         self.envs.world.allowed -= less * self.envs.world.engine.period_ticks
         return observations
 
     def step(self, actions):
         """What `FootstepVectorEnv.step` returns, and of its infos those that training needs."""
-        observations, reward, terminated, truncated, infos = self.envs.step(actions)
-        last = infos.get("final_obs", observations)
-        told = [infos[name] for name in TOLD]
-        return observations, reward, terminated, truncated, last, *told
+        *result, infos = self.envs.step(actions)  # observations, reward, terminated, truncated
+        last = infos.get("final_obs", result[0])
+        return *result, last, *(infos[name] for name in TOLD)
 
 
 class Cluster(gym.vector.VectorEnv):
-    """N robots over as many actors: the same numbers as those of `FootstepVectorEnv`."""
+    """N robots over so many actors: the same numbers as those of a staggered `FootstepVectorEnv`."""
 
     metadata = env.FootstepVectorEnv.metadata
 
-    def __init__(self, num_envs, actors, staggered=False, **settings):
+    def __init__(self, num_envs, actors, **settings):
         import ray
 
         with closing(env.FootstepVectorEnv(1, cores=1, **settings)) as one:
@@ -70,21 +66,18 @@ class Cluster(gym.vector.VectorEnv):
             self.single_observation_space = one.single_observation_space
             self.single_action_space = one.single_action_space
         self.num_envs = num_envs
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.staggered = staggered
-        self.shares = np.array_split(np.arange(num_envs), min(actors, num_envs))
         remote = ray.remote(num_cpus=1)(Part)
-        self.parts = [remote.remote(int(share[0]), len(share), settings) for share in self.shares]
+        shares = np.array_split(np.arange(num_envs), min(actors, num_envs))
+        self.parts = [remote.remote(len(share), settings) for share in shares]
 
-    def ask(self, method, *arguments):
-        """The answers of all actors, who work at the same time; arguments(share) for each."""
+    def ask(self, method, *arrays):
+        """The answers of all actors, who work at the same time. Each gets its robots' part of the
+        arrays.
+        """
         import ray
 
-        calls = [
-            getattr(part, method).remote(*(argument(share) for argument in arguments))
-            for part, share in zip(self.parts, self.shares)
-        ]
+        shares = zip(*(np.array_split(array, len(self.parts)) for array in arrays))
+        calls = [getattr(part, method).remote(*share) for part, share in zip(self.parts, shares)]
         try:
             return ray.get(calls)
         except ray.exceptions.RayActorError as error:
@@ -92,33 +85,25 @@ class Cluster(gym.vector.VectorEnv):
                 "an actor or its machine is gone; --resume continues after the last update"
             ) from error
 
-    def reset(self, *, seed=None, options=None):
-        """See `FootstepVectorEnv.reset`."""
+    def reset(self, *, seed, options=None):
+        """See `FootstepVectorEnv.reset`; there are no options."""
         super().reset(seed=seed)
-        less = np.zeros(self.num_envs, int)
-        if self.staggered:  # drawn here, as stage 03 draws it for all robots together
-            less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
-        options = options or {}
-
-        def own(share):
-            return {name: np.asarray(value)[share] for name, value in options.items()}
-
-        parts = self.ask("reset", lambda _: seed, lambda share: less[share], own)
-        return np.concatenate(parts), {}
+        # Drawn here, as stage 03 draws it for all robots together
+        less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
+        seeds = seed + np.arange(self.num_envs)
+        return np.concatenate(self.ask("reset", seeds, less)), {}
 
     def step(self, actions):
         """See `FootstepVectorEnv.step`."""
-        parts = self.ask("step", lambda share: actions[share])
+        parts = self.ask("step", actions)
         observations, reward, terminated, truncated, last, *told = map(np.concatenate, zip(*parts))
         ended = terminated | truncated
-        infos = {}
-        if ended.any():
-            infos = {
-                "final_obs": last,
-                "_final_obs": ended,
-                "final_info": dict(zip(TOLD, told)),
-                "_final_info": ended,
-            }
+        infos = {
+            "final_obs": last,
+            "_final_obs": ended,
+            "final_info": dict(zip(TOLD, told)),
+            "_final_info": ended,
+        }
         return observations, reward, terminated, truncated, infos
 
     def close_extras(self, **_):
@@ -149,11 +134,9 @@ def connect(actors, address=None):
 def train(args):
     """A whole training: policy.pt and its learning curve, as stage 04 writes them."""
     connect(args.actors, args.address)
-    make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True, staggered=True)
-    about = {"fits": {"simulator": args.sim}, "imu": False, "noise": True}
-    _, rows = ppo.train(
-        ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed, args.resume, **about
-    )
+    make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True)
+    settings = args.out, args.steps, args.seed, args.resume
+    _, rows = ppo.train(ppo.PPOConfig(), make_envs, *settings, imu=False, noise=True)
     ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
     print(f"after {rows[-1]['minutes']:.1f} minutes: {args.out / 'policy.pt'}")
 
@@ -169,7 +152,7 @@ def walk_all(args):
     import ray
 
     connect(args.actors, args.address)
-    std = env.Task().goal_std_m
+    std = common.STD[False]
     trials = evaluate.draw_trials(args.seed, args.episodes)
     policy = common.policy(args.evaluate, args.sim)
     blocks = [
@@ -189,18 +172,18 @@ def walk_all(args):
 def study_speed(args):
     """A short training by stage 04 alone, then with 1, 2 and 4 actors on this machine."""
     connect(4)
-    settings = {"sim": args.sim, "noise": True, "staggered": True}
-    rows, alone = [], None
+    rows = []
     for actors in (0, 1, 2, 4):
-        make_envs = partial(env.FootstepVectorEnv, **settings)
+        make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=True, staggered=True)
         if actors:
-            make_envs = partial(Cluster, actors=actors, **settings)
+            make_envs = partial(Cluster, actors=actors, sim=args.sim, noise=True)
         folder = common.work(args.sim, "cluster", f"actors{actors}")
         begin = time.perf_counter()
         model, _ = ppo.train(ppo.PPOConfig(), make_envs, folder, SHORT)
         seconds = time.perf_counter() - begin
         weights = ppo.torch.nn.utils.parameters_to_vector(model.parameters())
-        alone = weights if alone is None else alone
+        if not actors:
+            alone = weights
         rows.append(
             {
                 "training": f"actors: {actors}" if actors else "stage 04 alone",
@@ -208,7 +191,7 @@ def study_speed(args):
                 "equal": ppo.torch.equal(weights, alone),
             }
         )
-    return {"rows": rows}
+    return rows
 
 
 PARTS = {"speed": study_speed}
@@ -224,7 +207,7 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     rows = data["mujoco"]["speed"]["rows"]
     told = (f"{row['double_steps_per_second']:.0f} ({row['training']})" for row in rows)
-    equal = all(row["equal"] for row in rows)
+    equal = all(common.values(rows, "equal"))
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
         f"stage 04 alone, bit for bit.",
@@ -233,20 +216,22 @@ def found(data):
 
 
 def main(argv=None):
-    parser_flags = {
-        "steps": {"type": int, "default": ppo.STEPS, "help": "double steps of a training"},
-        "actors": {"type": int, "default": robot_model.CORES, "help": "processes with robots"},
-        "address": {"help": "of a running cluster; else Ray starts here"},
-        "resume": {"action": "store_true", "help": "continue a stopped training"},
-        "evaluate": {"type": Path, "metavar": "POLICY", "help": "walk as stage 05 does"},
-        "episodes": {"type": int, "default": 10_000, "help": "how many goals"},
-        "only": {"choices": PARTS, "help": "measure this"},
-    }
-    args = common.arguments(sys.modules[__name__], argv, **parser_flags)
+    study = sys.modules[__name__]
+    args = common.arguments(
+        study,
+        argv,
+        steps={"type": int, "default": ppo.STEPS, "help": "double steps of a training"},
+        actors={"type": int, "default": robot_model.CORES, "help": "processes with robots"},
+        address={"help": "of a running cluster; else Ray starts here"},
+        resume={"action": "store_true", "help": "continue a stopped training"},
+        evaluate={"type": Path, "metavar": "POLICY", "help": "walk as stage 05 does"},
+        episodes={"type": int, "default": 10_000, "help": "how many goals"},
+        only={"choices": PARTS, "help": "measure this"},
+    )
     if min(args.steps, args.actors, args.episodes) < 1:
         raise robot_model.InputError("--steps, --actors and --episodes from 1 on")
     if args.only:
-        common.publish(sys.modules[__name__], args.only, args)
+        common.publish(study, args.only, args)
     elif args.evaluate:
         walk_all(args)
     else:

@@ -2,15 +2,14 @@
 
     python tests/studies/common.py     puts the numbers of results/ into the pages that show them
 
-A study is a file with DURATION, PARTS (functions that measure something and return plain numbers)
-`table` (Markdown of all numbers), `found` (what they say, in words) and mostly `plot`. It writes
-NAME.json, NAME.md and NAME.png.
+A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
+numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what they say,
+in words) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
 A finished part is written before the next one begins; --only measures one part anew.
 """
 
 import argparse
 import contextlib
-import csv
 import json
 import sys
 import textwrap
@@ -30,10 +29,8 @@ env = import_module("03_env")
 ppo = import_module("04_ppo")
 evaluate = import_module("05_evaluate")
 
-SEEDS = {"mujoco": (0, 1, 2, 3, 4), "pymunk": (0, 1, 2)}  # of the trainings
-FEW = (0, 1, 2)  # of all others
 COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
-PER_SET = 500  # goals in a set
+PER_SET = 500  # robots of a world, so goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
 
@@ -68,14 +65,17 @@ def publish(study, part, args):
     numbers = study.PARTS[part](args)
     if numbers is None:  # it was left out, and has said why
         return
+    if isinstance(numbers, list):
+        numbers = {"rows": numbers}
     if part:
-        numbers = {**(read_json(path) if path.is_file() else {}), part: numbers}
+        known = read_json(path) if path.is_file() else {}
+        numbers = known | {part: numbers}
     text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     robot_model.write_text(path, text)
     found = json.loads(text)  # as when it is read later: keys are texts, tuples lists
     table = study.table(found, args.sim)
     robot_model.write_text(path.with_suffix(".md"), table)
-    if hasattr(study, "plot") and part in ([*study.PARTS][0], *getattr(study, "SHOWN", ())):
+    if hasattr(study, "plot") and [*study.PARTS][0] in (part, *found):  # it shows the first one
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
     print(f"\n{table}\nwritten to {args.out}")
 
@@ -83,13 +83,13 @@ def publish(study, part, args):
 def read_json(path):
     """The content of a file that a study, or stage 5, has written."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text("utf-8"))
     except ValueError as error:
         raise robot_model.InputError(f"{path}: damaged ({error}); delete it") from error
 
 
 def work(sim, study, training):
-    """The folder of a study's training; a finished one stays until you delete it."""
+    """The folder of a study's training; what is finished there stays until you delete it."""
     folder = Path("runs", sim, "studies", study, training)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -175,6 +175,19 @@ def share(part, digits=0):
     return f"{100 * np.mean(part):.{digits}f} %"
 
 
+def fallen(rows, **wanted):
+    """In how many of their walks the robots of the rows with these values fell: "3 of 3,000"."""
+    falls, walks = (sum(values(rows, key, **wanted)) for key in ("falls", "episodes"))
+    return f"{falls} of {walks:,}"
+
+
+def fall_bars(rows):
+    """For `errorbar`: shares of falls [k], and from there to the ends of their intervals [2, k]."""
+    fall = np.array([row["fall"] for row in rows])
+    low, high = np.transpose([row["fall_ci95"] for row in rows])
+    return fall, np.abs([fall - low, high - fall])
+
+
 def opponents(sim):
     """The best two planners that do not learn, by name."""
     return {
@@ -189,25 +202,42 @@ def policy(path, sim):
         return evaluate.load_policy(path, one)[0]
 
 
+def shipped(sim):
+    """The planner of the shipped policy."""
+    return policy(RESULTS / sim / "policy.pt", sim)
+
+
+def trainings(sim):
+    """The planners of all trainings that differ in their seed, by seed."""
+    folders = sorted((RESULTS / sim / "seeds").iterdir())
+    return {int(folder.name): policy(folder / "policy.pt", sim) for folder in folders}
+
+
 def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, **settings):
     """`with` it: a FootstepWorld for `walks`."""
     return contextlib.closing(kind(num_robots, sim, noise, **settings))
 
 
-def without_reflex(sim, gain=0.0):
-    """The walk whose ankles answer the gyro with this gain [s]; 0: not at all."""
-    return replace(walk_engine.TUNED[sim], reflex=gain)
+def without_reflex(sim):
+    """The walk whose ankles do not answer the gyro."""
+    return replace(walk_engine.TUNED[sim], reflex=0.0)
 
 
-def walks(planner, world, far=False, sets=4, first=1, per_set=None, purpose="evaluation"):
+def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="evaluation"):
     """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
-    Seeds from 120 on judge what the studies have chosen, see `seeds.py`.
+    A set has a goal for each robot of the world, or fewer. Seeds from 120 on judge what the studies
+    have chosen, see `seeds.py`.
     """
-    parts, per_set = [], per_set or PER_SET
+    parts, per_set = [], per_set or len(world.goal)
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
         trials = evaluate.draw_trials(seed, per_set, far, purpose)
         parts.append(evaluate.evaluate(planner, world, trials))
     return together(parts)
+
+
+def near_and_far(planner, world, **more):
+    """`walks` to near goals, then to far ones."""
+    return together([walks(planner, world, far, **more) for far in STD])
 
 
 def together(parts):
@@ -215,9 +245,9 @@ def together(parts):
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def row_of(ended, name, far=False):
-    """A row of stage 5's table, walked with noise."""
-    return evaluate.summary(name, True, STD[far], ended, env.Task())
+def row_of(ended, name, far=False, **more):
+    """A row of stage 5's table, walked with noise, with more values before it."""
+    return {**more, **evaluate.summary(name, True, STD[far], ended, env.Task())}
 
 
 def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
@@ -318,37 +348,41 @@ def pasted(text, mark, part):
 
 def read_trials(path):
     """The columns of a trials.csv, arrays by name, for every (planner, noise, σ of the goals)."""
-    with open(path, encoding="utf-8", newline="") as file:
-        lines = [*csv.DictReader(file)]
+    lines = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
+    columns = {name: lines[name] for name in lines.dtype.names}
+    for name in ("noise", "still_there", "reached_once"):
+        columns[name] = columns[name] == "yes"
+    kinds = [*zip(*(columns[name].tolist() for name in ("planner", "noise", "goal_std_m")))]
     walks = {}
-    for line in lines:
-        std = line["goal_std_m"]
-        key = line["planner"], line["noise"] == "yes", float(std) if std else None
-        walks.setdefault(key, []).append(line)
-
-    def column(name, texts):
-        if name in ("still_there", "reached_once"):
-            return texts == "yes"
-        return texts if name in ("planner", "noise", "outcome") else texts.astype(float)
-
-    return {
-        key: {name: column(name, np.array([line[name] for line in own])) for name in own[0]}
-        for key, own in walks.items()
-    }
+    for kind in dict.fromkeys(kinds):
+        own = [other == kind for other in kinds]
+        walks[kind] = {name: column[own] for name, column in columns.items()}
+    return walks
 
 
 STUDIES = (
-    *("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers"),
-    *("cluster", "obstacles", "transfer"),
+    "walk",
+    "baseline",
+    "search",
+    "seeds",
+    "kicks",
+    "ablations",
+    "peers",
+    "cluster",
+    "obstacles",
+    "transfer",
 )
 
 
 def pages():
     """{path: text as it should be} of the pages that show numbers of results/."""
     rows = read_json(RESULTS / "mujoco" / "evaluation.json")["rows"]
-    readme = readme_result(rows), readme_table(rows), readme_findings()
     parts = {
-        ROOT / "README.md": dict(zip(("result", "table", "found"), readme)),
+        ROOT / "README.md": {
+            "result": readme_result(rows),
+            "table": readme_table(rows),
+            "found": readme_findings(),
+        },
         RESULTS / "STUDIES.md": {
             name: paragraphs("*Found.*", *said(name).values())
             for name in STUDIES
@@ -356,11 +390,11 @@ def pages():
         },
     }
     for sim in env.LIMITS:
-        table = (RESULTS / sim / "table.md").read_text(encoding="utf-8")
+        table = (RESULTS / sim / "table.md").read_text("utf-8")
         parts[RESULTS / sim / "README.md"] = {"evaluation": table}
     found = {}
     for page, marked in parts.items():
-        found[page] = page.read_text(encoding="utf-8")
+        found[page] = page.read_text("utf-8")
         for mark, part in marked.items():
             found[page] = pasted(found[page], mark, part)
     return found
@@ -369,7 +403,7 @@ def pages():
 def write_pages():
     """Pastes them, and says which have changed."""
     for path, text in pages().items():
-        if text != path.read_text(encoding="utf-8"):
+        if text != path.read_text("utf-8"):
             robot_model.write_text(path, text)
             print("written:", path)
 

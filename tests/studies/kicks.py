@@ -17,37 +17,30 @@ import common
 import matplotlib.pyplot as plt
 import numpy as np
 import seeds
-from common import RESULTS, env, evaluate, robot_model, share
+from common import env, evaluate, fallen, pick, robot_model, share, values
 
 DURATION = "pushes: 5 minutes on two cores, worlds: 5; 3-D: 20 each, blocks 10, steps 40"
-SETS = 1  # of 500 goals, for every push and world
-FEW = 250  # goals on blocks, where MuJoCo is half as fast
+FEW = 250  # goals on blocks, where MuJoCo is half as fast; elsewhere 500
 BLOCKS = (0.005, 0.010)  # [m] heights from 0 to this
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 
 
-def everybody(sim, per_set=common.PER_SET, **settings):
+def everybody(sim, **settings):
     """Rows of all planners on their way to far goals in such a world, with and without reflex."""
-    planners = {
-        "policy": common.policy(RESULTS / sim / "policy.pt", sim),
-        **common.opponents(sim),
-    }
+    planners = {"policy": common.shipped(sim), **common.opponents(sim)}
     rows = []
     for reflex in (True, False):
         walk = None if reflex else common.without_reflex(sim)
-        with common.world(sim, num_robots=per_set, walk=walk, **settings) as world:
+        with common.world(sim, walk=walk, **settings) as world:
             for name, planner in planners.items():
-                ended = common.walks(planner, world, True, SETS, per_set=per_set)
-                rows.append({"reflex": reflex, **common.row_of(ended, name, True)})
+                ended = common.walks(planner, world, far=True)
+                rows.append(common.row_of(ended, name, far=True, reflex=reflex))
     return rows
 
 
 def study_pushes(args):
     """Everybody at every Δv."""
-    rows = []
-    for speed in SPEEDS:
-        rows += [{"speed": speed, **row} for row in everybody(args.sim, push=speed)]
-    return {"rows": rows}
+    return [{"speed": speed, **row} for speed in SPEEDS for row in everybody(args.sim, push=speed)]
 
 
 class Blocks(env.FootstepWorld):
@@ -69,18 +62,16 @@ class Blocks(env.FootstepWorld):
 
 
 def study_blocks(args):
-    """Everybody on uneven ground, which nobody has met in a training."""
-    rows = []
-    for height in BLOCKS:
-        found = everybody(args.sim, FEW, kind=Blocks, highest=height)
-        rows += [{"blocks": height, **row} for row in found]
-    return {"rows": rows}
+    """Everybody on uneven ground, which nobody has met in a training; only 3-D has blocks."""
+    return [
+        {"blocks": height, **row}
+        for height in (BLOCKS if args.sim == "mujoco" else ())
+        for row in everybody(args.sim, kind=Blocks, num_robots=FEW, highest=height)
+    ]
 
 
 class SlowNoise(env.FootstepWorld):
     """The noise of the goal is as large, but changes slowly: 0.9 of it stay for the next time."""
-
-    STAYS = 0.9
 
     def __init__(self, num_robots, *args, **settings):
         super().__init__(num_robots, *args, **settings)
@@ -88,19 +79,18 @@ class SlowNoise(env.FootstepWorld):
 
     def noisy(self, purpose, exact, robots, std):
         noisy = super().noisy(purpose, exact, robots, std)
-        if purpose != env.NOISE or not self.noise:
+        if purpose != env.NOISE:
             return noisy
         # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
         new = noisy - exact
-        slow = self.STAYS * self.last[robots] + (1 - self.STAYS**2) ** 0.5 * new
+        slow = 0.9 * self.last[robots] + (1 - 0.9**2) ** 0.5 * new
         self.last[robots] = np.where(self.steps[robots, None] == 0, new, slow)
         return exact + self.last[robots]
 
 
 def ground(mu):
     """Settings of a world with this friction everywhere."""
-    robot = replace(robot_model.RobotModel(), friction=mu)
-    return {"robot": robot, "spread": env.Spread(friction=0.0)}
+    return {"robot": robot_model.RobotModel(friction=mu), "spread": env.Spread(friction=0.0)}
 
 
 WORLDS = {  # settings of the world
@@ -119,37 +109,33 @@ WORLDS = {  # settings of the world
 
 def study_worlds(args):
     """Rows of the policy in every world, on evaluation seeds of `seeds.py`."""
-    policy = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
-    rows = []
+    policy, rows = common.shipped(args.sim), []
     for title, settings in WORLDS.items():
         with common.world(args.sim, **settings) as world:
             for far in (False, True):
-                ended = common.walks(policy, world, far, SETS, seeds.POOLED_FIRST)
-                rows.append({"world": title, **common.row_of(ended, "policy", far)})
-    return {"rows": rows}
+                ended = common.walks(policy, world, far, first=seeds.POOLED_FIRST)
+                rows.append(common.row_of(ended, "policy", far, world=title))
+    return rows
 
 
 class Lag(env.FootstepWorld):
     """The measured tilt is 40 ms old."""
 
-    READINGS = 2
-
     def __init__(self, num_robots, *args, **settings):
+        self.before, self.last = np.zeros((2, num_robots, 2))  # [N, 2] [rad] the last two readings
         super().__init__(num_robots, *args, **settings)
         self.exact = self.simulator.imu
         self.simulator.imu = self.late
 
     def late(self, robots):
         tilt, rates = self.exact(robots)
-        past = self.past[robots]
-        self.past[robots] = np.concatenate([past[:, 1:], tilt[:, None]], 1)
-        return past[:, 0], rates
+        told = self.before[robots]
+        self.before[robots], self.last[robots] = self.last[robots], tilt
+        return told, rates
 
     def reset(self, robots, *args, **more):
         super().reset(robots, *args, **more)
-        if not hasattr(self, "past"):
-            self.past = np.zeros((len(self.goal), self.READINGS, 2))  # [N, readings, 2] [rad]
-        self.past[robots] = 0, self.engine.parameters.trunk_pitch
+        self.before[robots] = self.last[robots] = 0, self.engine.parameters.trunk_pitch
 
 
 class Wrong(env.FootstepWorld):
@@ -168,8 +154,9 @@ ANSWERS = {  # settings of the walk
     "waiting": {"wait": 10.0},
     "all": {"capture": 1.0, "wait": 10.0},
 }
+FLAT = "flat floor"
 HARD = {  # worlds in which steps might fail: settings
-    "flat floor": {},
+    FLAT: {},
     "blocks up to 5 mm": {"kind": Blocks, "highest": 0.005},
     "blocks up to 10 mm": {"kind": Blocks, "highest": 0.010},
     "μ = 0.35": ground(0.35),
@@ -182,40 +169,28 @@ HARD = {  # worlds in which steps might fail: settings
 }
 
 
-def study_steps(args, per_set=500, first=900):
+def study_steps(args):
     """Rows by world, push and answer; every answer is compared with the reflex, walk by walk."""
-    policy = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
-
-    def walked(settings, answer, push, far, sets):
-        walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
-        with common.world(args.sim, num_robots=per_set, walk=walk, push=push, **settings) as world:
-            return common.walks(policy, world, far, sets, first, per_set, "tuning")
-
-    flat = "flat floor"
-    cases = [(flat, 0.0, False), (flat, 0.0, True)]
-    cases += product(HARD if args.sim == "mujoco" else [flat], (0.4, 0.6), (True,))
-    rows = []
+    policy, rows = common.shipped(args.sim), []
+    cases = [(FLAT, 0.0, False), (FLAT, 0.0, True)]  # world, push, far goals?
+    cases += product(HARD if args.sim == "mujoco" else [FLAT], (0.4, 0.6), [True])
     for name, push, far in cases:
-        for answer in ANSWERS if name == flat and push else ("reflex", "all"):
-            ended = walked(HARD[name], answer, push, far, 4 if name == flat else 2)
+        for answer in ANSWERS if name == FLAT and push else ("reflex", "all"):
+            walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
+            with common.world(args.sim, walk=walk, push=push, **HARD[name]) as world:
+                sets = 4 if name == FLAT else 2
+                ended = common.walks(policy, world, far, sets, first=900, purpose="tuning")
             if answer == "reflex":
                 reference = ended
             fell, before = ended["outcome"] == "fall", reference["outcome"] == "fall"
             ratio = evaluate.time_ratio(ended, reference)
-            rows.append(
-                {
-                    "world": name,
-                    "push": push,
-                    "answer": answer,
-                    **common.row_of(ended, "policy", far),
-                    "time_over_reflex": ratio["time_ratio"],
-                    "time_over_reflex_ci95": ratio["time_ratio_ci95"],
-                    "no_longer": int((before & ~fell).sum()),
-                    "newly": int((fell & ~before).sum()),
-                }
-            )
-
-    return {"rows": rows}
+            row = common.row_of(ended, "policy", far, world=name, push=push, answer=answer)
+            row["time_over_reflex"] = ratio["time_ratio"]
+            row["time_over_reflex_ci95"] = ratio["time_ratio_ci95"]
+            row["no_longer"] = int((before & ~fell).sum())
+            row["newly"] = int((fell & ~before).sum())
+            rows.append(row)
+    return rows
 
 
 PARTS = {
@@ -250,15 +225,12 @@ def plot(found, sim):
     """Share of falls over Δv, one colour a planner, with 95 % intervals."""
     rows = found["pushes"]["rows"]
     figure, axis = plt.subplots(figsize=(8, 4))
-    names = dict.fromkeys(row["planner"] for row in rows)
+    names = dict.fromkeys(values(rows, "planner"))
     for name, reflex in product(names, (True, False)):
-        own = common.pick(rows, planner=name, reflex=reflex)
-        fall = np.array([row["fall"] for row in own])
-        low, high = np.transpose([row["fall_ci95"] for row in own])
+        own = pick(rows, planner=name, reflex=reflex)
         axis.errorbar(
-            [row["speed"] for row in own],
-            fall,
-            np.abs([fall - low, high - fall]),
+            values(own, "speed"),
+            *common.fall_bars(own),
             color=common.COLORS.get(name),
             linestyle="-" if reflex else "--",
             capsize=3,
@@ -274,59 +246,42 @@ def plot(found, sim):
     return figure
 
 
-def steps(part):
-    """What was found of steps that answer a push: a sentence and a table, if it was measured."""
-    if part is None:
-        return {}
-
-    def row(world, push, answer, std=1.0):
-        wanted = {"world": world, "push": push, "answer": answer, "goal_std_m": std}
-        return common.pick(part["rows"], **wanted)[0]
-
-    def changed(world, answer, push):
-        new, old = row(world, push, answer), row(world, push, "reflex")
-        low, high = new["time_over_reflex_ci95"]
-        return {
-            f"falls at {push} m/s": f"{old['falls']} → {new['falls']} of {new['episodes']:,}",
-            f"time at {push} m/s": f"× {new['time_over_reflex']:.2f} [{low:.2f}, {high:.2f}]",
-        }
-
-    cases = [("flat floor", answer) for answer in list(ANSWERS)[1:]]
-    cases += [(world, "all") for world in list(HARD)[1:]]
-    rows = [
-        {"world": world, "answer": answer}
-        | changed(world, answer, 0.4)
-        | changed(world, answer, 0.6)
-        for world, answer in cases
-    ]
-    near, far = (row("flat floor", 0.0, "all", std)["falls"] for std in common.STD.values())
-    return {
-        "steps": "With capture steps and waiting the shipped policy, which was trained without them, "
-        f"falls in {near} near and {far} far walks of 2,000 that nobody pushes. On the way to far "
+def steps(rows):
+    """What was found of steps that answer a push: a sentence and a table."""
+    calm = values(rows, "falls", push=0.0, answer="all")
+    shown = {}
+    for new in rows:
+        world, push, answer = new["world"], new["push"], new["answer"]
+        if push and answer != "reflex":
+            (old,) = pick(rows, world=world, push=push, answer="reflex")
+            line = shown.setdefault((world, answer), {"world": world, "answer": answer})
+            line[f"falls at {push} m/s"] = f"{old['falls']} → {fallen([new])}"
+            line[f"time at {push} m/s"] = "× " + common.cell(new, "time_over_reflex", 2)
+    lines = [*shown.values()]
+    return (
+        "With capture steps and waiting the shipped policy, which was trained without them, falls in "
+        f"{calm[0]} near and {calm[1]} far walks of 2,000 that nobody pushes. On the way to far "
         "goals, with the reflex alone → with this answer, too (time: over goals that both "
-        "reached):\n\n" + common.table(rows, dict.fromkeys(rows[0], 0)),
-    }
+        "reached):\n\n" + common.table(lines, dict.fromkeys(lines[0], 0))
+    )
 
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
-    pushes, worlds, blocks = (data["mujoco"][part]["rows"] for part in [*PARTS][:3])
+    pushes, worlds, blocks, answers = (data["mujoco"][part]["rows"] for part in PARTS)
 
     def falls(rows, **wanted):
-        own = {"planner": "policy", **wanted}
-        walks, _ = common.values(rows, "episodes", **own)
-        on, off = (common.values(rows, "fall", reflex=reflex, **own) for reflex in (True, False))
+        on, off = pick(rows, planner="policy", **wanted)  # with the reflex, without it
         return (
-            f"{share(on, 1)} of {walks} far walks with the reflex and in {share(off, 1)} without it"
+            f"{share(on['fall'], 1)} of {on['episodes']} far walks with the reflex and in "
+            f"{share(off['fall'], 1)} without it"
         )
 
     def counted(*names):
-        rows = [row for row in worlds if row["world"] in names]
-        walks = sum(row["episodes"] for row in rows)
-        return f"{sum(row['falls'] for row in rows)} of {walks:,} walks"
+        return f"{fallen([row for row in worlds if row['world'] in names])} walks"
 
-    slow = common.values(worlds, "time_mean", world="noise of the goal lasts for seconds")
-    gyro = common.values(worlds, "fall", world="a gyro ten times worse")
+    slow = values(worlds, "time_mean", world="noise of the goal lasts for seconds")
+    gyro = values(worlds, "fall", world="a gyro ten times worse")
     outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
     return {
         "pushed": "In 3-D, pushed by 0.4 m/s every 3 s, the policy falls in "
@@ -340,7 +295,7 @@ def found(data):
         f"to near and {slow[1]:.1f} s to far goals.",
         "gyro": f"With a gyro ten times worse it falls in {share(gyro[0], 1)} and "
         f"{share(gyro[1], 1)} of the walks.",
-        **steps(data["mujoco"].get("steps")),
+        "steps": steps(answers),
     }
 
 

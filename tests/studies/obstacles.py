@@ -17,7 +17,7 @@ import common
 import matplotlib.pyplot as plt
 import networkx  # PyTorch brings it along
 import numpy as np
-from common import RESULTS, env, evaluate, robot_model
+from common import env, evaluate, robot_model, share
 
 DURATION = "2 minutes; 3-D: 6 minutes"
 FIELDS = 200
@@ -50,9 +50,9 @@ def gaps(start, end, discs):
     """How far straight lines from start to end [..., 2] pass from the discs' middles, [..., k] [m]."""
     line = (end - start)[..., None, :]
     to = discs[:, :2] - start[..., None, :]  # [..., k, 2]
-    # The nearest point of the line, as a share of it
-    share = np.clip((to * line).sum(-1) / np.maximum((line**2).sum(-1), 1e-9), 0, 1)
-    return np.linalg.norm(to - share[..., None] * line, axis=-1)
+    # The nearest point of the line, as a part of it
+    part = np.clip((to * line).sum(-1) / np.maximum((line**2).sum(-1), 1e-9), 0, 1)
+    return np.linalg.norm(to - part[..., None] * line, axis=-1)
 
 
 def shortest_way(goal, discs):
@@ -63,13 +63,11 @@ def shortest_way(goal, discs):
     angle = np.arange(CORNERS) / CORNERS * 2 * np.pi
     circle = np.stack([np.cos(angle), np.sin(angle)], -1) / np.cos(np.pi / CORNERS)
     corners = discs[:, None, :2] + reach[:, None, None] * circle  # [k, CORNERS, 2]
-    points = np.vstack([[[0, 0]], goal[None, :2], corners.reshape(-1, 2)])
-    i, j = np.triu_indices(len(points), 1)  # every pair of points; which ones see each other?
-    free = (gaps(points[i], points[j], discs) > reach - 1e-9).all(-1)
-    length = np.linalg.norm(points[i] - points[j], axis=1)
-    graph = networkx.Graph()
-    graph.add_nodes_from((0, 1))
-    graph.add_weighted_edges_from(zip(i[free].tolist(), j[free].tolist(), length[free]))
+    points = np.vstack([[0, 0], goal[:2], corners.reshape(-1, 2)])  # [p, 2]
+    # Every point with every other one: which of them see each other?
+    free = (gaps(points[:, None], points, discs) > reach - 1e-9).all(-1)  # [p, p]
+    length = np.linalg.norm(points[:, None] - points, axis=-1)
+    graph = networkx.from_numpy_array(np.where(free, length, 0))  # 0: no edge
     if not networkx.has_path(graph, 0, 1):
         return None
     path = points[networkx.shortest_path(graph, 0, 1, "weight")]  # [c + 1, 2]
@@ -82,33 +80,29 @@ def draw_field(rng):
     """A field in which a disc stands in the way, and a detour exists."""
     while True:
         angle, yaw = rng.uniform(-np.pi, np.pi, 2)
-        goal = np.array([rng.uniform(*DISTANCE), 0, 0])
-        count = rng.integers(DISCS[0], DISCS[1] + 1)
-        along, aside = rng.uniform([0, -ASIDE], [goal[0], ASIDE], (count, 2)).T
-        discs = np.column_stack([along, aside, rng.uniform(*RADIUS, count)])
+        distance, count = rng.uniform(*DISTANCE), rng.integers(*DISCS, endpoint=True)
+        middles = rng.uniform([0, -ASIDE], [distance, ASIDE], (count, 2))
         # All of it is turned: the goal may also be behind the robot.
-        discs[:, :2] = robot_model.turned(discs[:, :2], angle)
-        goal[:2] = robot_model.turned(goal[:2], angle)
-        goal[2] = yaw
-        blocked = (gaps(np.zeros(2), goal[:2], discs) < discs[:, 2] + MARGIN).any()
-        way = shortest_way(goal, discs) if blocked else None
-        if way is not None:
+        discs = np.column_stack([robot_model.turned(middles, angle), rng.uniform(*RADIUS, count)])
+        goal = np.array([*robot_model.turned([distance, 0], angle), yaw])
+        way = shortest_way(goal, discs)
+        if way is not None and len(way) > 1:
             return Field(discs, way)
 
 
-def draw_fields(count, purpose="evaluation"):
+def draw_fields(count):
     """Fields, and the Trials of their goals; a field does not depend on `count`."""
-    fields = [draw_field(env.stream(purpose, SEED, i)) for i in range(count)]
-    return fields, evaluate.Trials(np.array([field.way[-1] for field in fields]), SEED, purpose)
+    fields = [draw_field(env.stream("evaluation", SEED, i)) for i in range(count)]
+    return fields, evaluate.Trials(np.array([field.way[-1] for field in fields]), SEED)
 
 
+@dataclass
 class Chain:
     """A planner behind intermediate goals: robot i walks along ways[i], poses [c, 3]."""
 
-    def __init__(self, planner, world, ways):
-        self.planner = planner
-        self.world = world
-        self.ways = ways
+    planner: object
+    world: env.FootstepWorld
+    ways: list
 
     def reset(self, num_robots):
         self.next = np.zeros(num_robots, int)
@@ -133,20 +127,18 @@ class Chain:
 
 def touching(robot, motion, fields):
     """Did a sole or the torso come over a disc? [n] bool, of as many fields."""
-    torso, joints = motion.torso[:, ::4], motion.joints[:, ::4]  # every 40 ms
-    points, turn = robot_model.body_points(robot, torso, joints)  # ankle: point 2
-    yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [n, t, 2]
+    inner, outer = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width  # edges of a sole
     found = []
-    for i, field in enumerate(fields):
-        discs = field.discs  # [k, 3]
-        ankles = points[i, :, :, None, 2, :2]  # [t, 2, 1, 2]
-        # The disc's middle seen from a foot [t, 2, k]; how far outside of the sole it is
-        x, y = np.moveaxis(robot_model.turned(discs[:, :2] - ankles, -yaw[i, ..., None]), -1, 0)
-        middle = np.array([[1], [-1]]) * robot.foot_outward  # left, right
-        ahead = np.maximum(np.maximum(x - robot.foot_front, -x - robot.foot_back), 0)
-        aside = np.maximum(np.abs(y - middle) - robot.foot_width / 2, 0)
-        column = np.linalg.norm(discs[:, :2] - torso[i, :, None, :2], axis=-1) - TORSO  # [t, k]
-        found.append((np.hypot(ahead, aside) < discs[:, 2]).any() or (column < discs[:, 2]).any())
+    # Every 40 ms, torso [t, 6] and joints [t, 12]
+    for field, torso, joints in zip(fields, motion.torso[:, ::4], motion.joints[:, ::4]):
+        discs, radius = field.discs[:, :2], field.discs[:, 2]  # [k, 2], [k]
+        feet = robot_model.foot_poses(robot, torso, joints)[:, :, None]  # [t, 2, 1, 3]
+        # A disc's middle seen from a foot [t, 2, k], and the point of the sole that is nearest to it
+        x, y = np.moveaxis(robot_model.turned(discs - feet[..., :2], -feet[..., 2]), -1, 0)
+        y[:, robot_model.RIGHT] *= -1  # as if it were a left foot
+        sole = np.hypot(x - x.clip(-robot.foot_back, robot.foot_front), y - y.clip(inner, outer))
+        column = np.linalg.norm(discs - torso[:, None, :2], axis=-1) - TORSO  # [t, k]
+        found.append((sole < radius).any() or (column < radius).any())
     return np.array(found)
 
 
@@ -155,8 +147,7 @@ def walk_fields(planner, world, fields, trials):
     touched = np.zeros(len(fields), bool)
 
     def watch(robots, motion):
-        own = [fields[i] for i in robots]
-        touched[robots] |= touching(world.engine.robot, motion, own)
+        touched[robots] |= touching(world.engine.robot, motion, [fields[i] for i in robots])
 
     chain = Chain(planner, world, [field.way for field in fields])
     return evaluate.evaluate(chain, world, trials, watch) | {"touched": touched}
@@ -167,27 +158,25 @@ def study(args):
     fields, trials = draw_fields(FIELDS)
     straight = np.linalg.norm(trials.goals[:, :2], axis=1)
     length = np.array([field.length for field in fields])
-    planners = {
-        "policy": common.policy(RESULTS / args.sim / "policy.pt", args.sim),
-        "baseline_tuned": common.opponents(args.sim)["baseline_tuned"],
-    }
+    planners = common.opponents(args.sim) | {"policy": common.shipped(args.sim)}
     rows = []
     with common.world(args.sim, num_robots=FIELDS) as world:
-        for name, planner in planners.items():
-            around = walk_fields(planner, world, fields, trials)
-            beside = evaluate.evaluate(planner, world, trials)
+        for name in ("policy", "baseline_tuned"):
+            around = walk_fields(planners[name], world, fields, trials)
+            beside = evaluate.evaluate(planners[name], world, trials)
             for ended, way in ((around, length), (beside, straight)):
-                row = {"discs": ended is around, **common.row_of(ended, name)}
+                row = common.row_of(ended, name, discs=ended is around)
                 if ended is around:
-                    row["touches"] = float(ended["touched"].mean())
+                    row["touches"] = ended["touched"].mean()
                 least = way[ended["outcome"] == "success"] / SPEED  # [s]
-                rows.append(row | {"time_over_way": row["time_mean"] / least.mean()})
+                row["time_over_way"] = row["time_mean"] / least.mean()
+                rows.append(row)
     return {"rows": rows, "fields": FIELDS}
 
 
 def recorded(sim, numbers):
     """The fields with these numbers, and how the policy walked in each of them, see `record`."""
-    planner = common.policy(RESULTS / sim / "policy.pt", sim)
+    planner = common.shipped(sim)
     fields, trials = draw_fields(max(numbers) + 1)
     with common.world(sim, num_robots=1, cores=1) as world:
         for i in numbers:
@@ -199,10 +188,9 @@ def recorded(sim, numbers):
 def draw_discs(axes, field, camera):
     """Discs, grey, and the shortest way around them."""
     angle = np.linspace(0, 2 * np.pi, 60)
-    circle = np.stack([np.cos(angle), np.sin(angle)], -1)
     for x, y, radius in field.discs:
-        outline = [x, y] + radius * circle
-        axes.fill(*(camera[1:, :2] @ outline.T), color="0.45", lw=0, zorder=0.4)
+        outline = [x + radius * np.cos(angle), y + radius * np.sin(angle)]
+        axes.fill(*(camera[1:, :2] @ outline), color="0.45", lw=0, zorder=0.4)
     way = np.vstack([[0, 0], field.way[:, :2]])
     axes.plot(*(camera[1:, :2] @ way.T), "k:", lw=1, zorder=0.4)
 
@@ -229,7 +217,7 @@ def plot(found, sim):
 
 def study_film(args):
     """The walk through the first field, obstacles.gif beside the table."""
-    ((field, walk),) = recorded(args.sim, SHOWN[:1])
+    field, walk = next(recorded(args.sim, SHOWN))
     camera = robot_model.camera_at()
     evaluate.plot_race(
         robot_model.RobotModel(),
@@ -252,15 +240,12 @@ def table(found, sim):
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
     walks = data["mujoco"]["walks"]
-    around, straight = (
-        common.pick(walks["rows"], planner="policy", discs=discs)[0] for discs in (True, False)
-    )
-    tuned = common.pick(walks["rows"], planner="baseline_tuned", discs=True)[0]
+    around, straight, tuned, _ = walks["rows"]  # with discs, without them; the same for the tuned
     return {
         "discs": f"In {walks['fields']} fields of discs the policy arrives in "
-        f"{common.share(around['success'], 1)} of the walks, and touches a disc in "
-        f"{common.share(around['touches'], 1)}; `baseline_tuned` in "
-        f"{common.share(tuned['success'], 1)} and {common.share(tuned['touches'], 1)}.",
+        f"{share(around['success'], 1)} of the walks, and touches a disc in "
+        f"{share(around['touches'], 1)}; `baseline_tuned` in "
+        f"{share(tuned['success'], 1)} and {share(tuned['touches'], 1)}.",
         "time": f"The policy needs {around['time_over_way']:.2f} times what the shortest detour "
         f"would take at {SPEED} m/s, and {straight['time_over_way']:.2f} times that of the straight "
         "way without discs.",

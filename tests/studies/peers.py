@@ -7,19 +7,17 @@ Ours are those of `ablations` with a clipped Gaussian policy and no sharpening. 
 the ranges of their seeds overlap. (Two equal ones fail that in one case of ten.)
 """
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import ablations
 import common
 import numpy as np
-from common import FEW, env, evaluate, ppo, robot_model
+from common import env, evaluate, ppo, robot_model, values
 
 torch = ppo.torch
 DURATION = "20 minutes; 3-D: 40"
-CFG = replace(ppo.PPOConfig(), sharpest=1.0)
+CFG = ppo.PPOConfig(sharpest=1.0)
 UPDATES = -(-ablations.STEPS // (CFG.num_envs * CFG.rollout))
-LOG_STD = float(-0.5 * np.log(4 * (CFG.first_concentration + 1)))  # as in `GaussianActor`
 
 
 def learn(sim, seed):
@@ -34,7 +32,6 @@ def learn(sim, seed):
     first = ppo.random_seed(seed) % 2**31  # near seeds would share most of their robots' worlds
     settings = {"sim": sim, "noise": True}
     envs = make_vec_env(env.FootstepEnv, CFG.num_envs, first, env_kwargs=settings)
-    hidden = list(CFG.hidden)
     model = PPO(
         "MlpPolicy",
         envs,
@@ -50,13 +47,13 @@ def learn(sim, seed):
         device="cpu",
         seed=first,
         policy_kwargs={
-            "net_arch": {"pi": hidden, "vf": hidden},
+            "net_arch": list(CFG.hidden),  # of the actor, and of the critic
             "activation_fn": torch.nn.Tanh,
-            "log_std_init": LOG_STD,
+            "log_std_init": float(ablations.log_std(CFG.first_concentration)),
         },
     )
-    with common.world(sim, num_robots=1, cores=1) as one:
-        model.policy.action_net.bias.data.copy_(torch.as_tensor(one.neutral_action))
+    neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
+    model.policy.action_net.bias.data.copy_(torch.as_tensor(neutral))
     model.learn(UPDATES * CFG.num_envs * CFG.rollout)
     envs.close()
 
@@ -70,7 +67,7 @@ def learn(sim, seed):
 
 def study_sb3(args):
     """Three seeds."""
-    return {"rows": [learn(args.sim, seed) for seed in FEW]}
+    return [learn(args.sim, seed) for seed in ablations.SEEDS]
 
 
 PARTS = {"sb3": study_sb3}
@@ -85,8 +82,8 @@ def table(found, sim):
 def found(data):
     """Sentences by name, from the numbers of the plane."""
     trained = common.read_json(common.RESULTS / "pymunk" / "studies" / "ablations.json")
-    ours = common.values(trained["ablations"]["rows"], "time_mean", variant=ablations.PEER)
-    theirs = common.values(data["pymunk"]["sb3"]["rows"], "time_mean")
+    ours = values(trained["ablations"]["rows"], "time_mean", variant=ablations.PEER)
+    theirs = values(data["pymunk"]["sb3"]["rows"], "time_mean")
     return {
         "times": f"On the plane our walks take {np.mean(ours):.1f} s (three seeds: {min(ours):.1f} "
         f"to {max(ours):.1f} s) and those of Stable-Baselines3 {np.mean(theirs):.1f} s "

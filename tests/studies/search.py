@@ -27,17 +27,15 @@ FAR = 25.5  # [double steps] what the map says where the goal is out of reach
 
 def double_steps(limits, factor=1.0):
     """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
-    low, high = factor * np.array(limits.low), factor * np.array(limits.high)
-    lengths = np.linspace(low[0], high[0], 8)
-    shares = np.meshgrid(lengths, np.linspace(-1, 1, 5), np.linspace(-1, 1, 7), indexing="ij")
-    x, side, turn = np.stack(shares, -1).reshape(-1, 3).T  # [A − 1] each
+    low, high = factor * np.array([limits.low, limits.high])
+    axes = np.linspace(low[0], high[0], 8), np.linspace(-1, 1, 5), np.linspace(-1, 1, 7)
+    x, *shares = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))  # [A − 1] each
+    left = np.stack(shares, -1)  # [A − 1, 2] of the largest way sideways, and of the largest turn
+    # To the left: the left foot goes outward, the right one inward, by the same share.
+    outward = np.stack([left, -left], 1)  # [A − 1, 2, 2]
     steps = np.zeros((len(x) + 1, 2, 3))
     steps[1:, :, 0] = x[:, None]
-    for axis, share in ((1, side), (2, turn)):
-        # To the left: the left foot goes outward, the right one inward, by the same share.
-        for foot, outward in enumerate((share, -share)):
-            largest = np.where(outward > 0, high[axis], -low[axis])
-            steps[1:, foot, axis] = outward * largest
+    steps[1:, :, 1:] = outward * np.where(outward > 0, high[1:], -low[1:])
     return steps
 
 
@@ -46,14 +44,12 @@ def displacements(sim, steps):
     which of them stood. Measured at the middle of the spread: the third to sixth of six in a row.
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
-    n, spread = len(plans), env.Spread()
-    body = robot_model.Body.as_model(robot_model.RobotModel(), n)
+    body, spread = robot_model.Body.as_model(robot_model.RobotModel(), len(plans)), env.Spread()
     body.stiction += spread.stiction / 2
     body.delay = np.repeat([0, spread.delay], len(steps))
     poses, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body)
     moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [2·A, 4, 3]
-    mean = moved.reshape(2, len(steps), 4, 3).mean((0, 2))
-    return mean, (fall == 6).reshape(2, len(steps)).all(0)
+    return moved.reshape(2, -1, 4, 3).mean((0, 2)), (fall == 6).reshape(2, -1).all(0)
 
 
 def steps_to_go(moves, task):
@@ -151,18 +147,14 @@ def read_map(limits):
     the walk has been changed since; only other limits are refused.
     """
     wanted = json.loads(json.dumps(asdict(limits)))  # tuples become lists
-    for path in (common.RESULTS / sim / "search.npz" for sim in env.LIMITS):
-        if not path.is_file():
-            continue
+    for path in common.RESULTS.glob("*/search.npz"):
         with np.load(path) as file:
             about = json.loads(str(file["about"]))
-            if about["step limit"] != wanted:
-                continue
-            steps, moves = file["steps"], file["moves"]
-            # Its numbers are differences along x, in twentieths of a double step: they compress
-            # well.
-            value = np.cumsum(file["parts"], axis=2, dtype=np.float32) / 20
-            return steps, moves, value, about["change"]
+            if about["step limit"] == wanted:
+                # Its numbers are differences along x, in twentieths of a double step: they
+                # compress well.
+                value = np.cumsum(file["parts"], axis=2, dtype=np.float32) / 20
+                return file["steps"], file["moves"], value, about["change"]
     raise robot_model.InputError(
         f"no map of search for the step limit {limits}: python tests/studies/search.py makes one, "
         "with --out results/pymunk/studies or, with --mujoco, results/mujoco/studies"
@@ -198,21 +190,18 @@ def make_map(sim, factor):
 
 def study(args):
     """Every size with every largest change; the best one's map is written."""
-    tried, planners = [], []
+    tried, maps = [], {}
     with common.world(args.sim) as world:
         for factor in FACTORS:
-            found = make_map(args.sim, factor)
+            maps[factor] = make_map(args.sim, factor)
             for change in CHANGES:
-                planner = Planner((*found, change))
-                facts = baseline.facts(baseline.both(world, planner, 1, 1, WALKS))
+                facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **facts})
-                planners.append(planner)
     # It aims at the rim of the tolerance; how long it stays there does not count here.
-    costs = [baseline.cost(row, {"still_there": 0.0}) for row in tried]
-    best = np.argmin(costs)
-    path = args.out.parent / "search.npz"
-    write_map(path, args.sim, tried[best]["factor"], planners[best].known)
-    return {"rows": [row | {"chosen": row is tried[best]} for row in tried]}
+    best = min(tried, key=lambda row: baseline.cost(row, {"still_there": 0.0}))
+    known = *maps[best["factor"]], best["change"]
+    write_map(args.out.parent / "search.npz", args.sim, best["factor"], known)
+    return [row | {"chosen": row is best} for row in tried]
 
 
 PARTS = {"": study}

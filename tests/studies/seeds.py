@@ -14,43 +14,37 @@ with a simpler filter. Writes seeds.estimate.png. film: learning.gif.
 import common
 import matplotlib.pyplot as plt
 import numpy as np
-from common import RESULTS, SEEDS, env, evaluate, pick, robot_model
+from common import RESULTS, env, evaluate, fallen, pick, robot_model, share, values
 
 DURATION = "20 minutes on two cores; 3-D: 40"
-SETS, POOLED_SETS = 1, 10  # of 500 goals
+POOLED_SETS = 10  # of 500 goals
 POOLED_FIRST = 140  # evaluation seed
 KINDS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far goals?, pushes [m/s]
 DISTANCES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # [m]
-
+GOALS = 200  # at each of them
 EXACT = "policy, without noise"
 
 
-def walked(sim, policies, sets, references=None):
-    """Rows of these policies, by training seed, for all KINDS with noise; their times also relative
-    to those of the references, which get rows, too.
+def walked(sim, policies, sets, opponents):
+    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise; the
+    times of the policies also relative to those of the opponents.
     """
-    rows, references = [], references or {}
+    planners, rows = opponents | policies, []  # by name, or by seed
     for far, push in KINDS:
         with common.world(sim, push=push) as world:
-            theirs = {
-                name: common.walks(planner, world, far, sets, POOLED_FIRST)
-                for name, planner in references.items()
+            walks = {
+                key: common.walks(planner, world, far, sets, POOLED_FIRST)
+                for key, planner in planners.items()
             }
-            rows += [
-                {"seed": None, "push": push, **common.row_of(ended, name, far)}
-                for name, ended in theirs.items()
-            ]
-            for seed, planner in policies.items():
-                ended = common.walks(planner, world, far, sets, POOLED_FIRST)
-                row = {"seed": seed, "push": push, **common.row_of(ended, "policy", far)}
-                for name, other in theirs.items():
-                    ratio = evaluate.time_ratio(ended, other)
-                    row |= {
-                        f"over_{name}": ratio["time_ratio"],
-                        f"over_{name}_ci95": ratio["time_ratio_ci95"],
-                        f"median_over_{name}": ratio["median"],
-                    }
-                rows.append(row)
+        for key, ended in walks.items():
+            name, seed = (key, None) if key in opponents else ("policy", key)
+            row = common.row_of(ended, name, far, seed=seed, push=push)
+            for other in opponents if name == "policy" else ():
+                ratio = evaluate.time_ratio(ended, walks[other])
+                row[f"over_{other}"] = ratio["time_ratio"]
+                row[f"over_{other}_ci95"] = ratio["time_ratio_ci95"]
+                row[f"median_over_{other}"] = ratio["median"]
+            rows.append(row)
     return {"goals": sets * common.PER_SET, "rows": rows}
 
 
@@ -58,10 +52,10 @@ def median_seed(rows):
     """The training seed in the middle: by mean success of its rows, then by time. Not the best."""
 
     def rank(seed):
-        own = pick(rows, seed=seed)
-        return tuple(np.mean([(row["success"], -row["time_mean"]) for row in own], axis=0))
+        success, time = (values(rows, key, seed=seed) for key in ("success", "time_mean"))
+        return np.mean(success), -np.mean(time)
 
-    seeds = sorted({row["seed"] for row in rows}, key=rank)
+    seeds = sorted({*values(rows, "seed")}, key=rank)
     return seeds[len(seeds) // 2]
 
 
@@ -83,54 +77,55 @@ def least_time(goals, world):
     return world.engine.period * np.ceil(np.maximum(ways, turns).clip(1))
 
 
-def study_distances(args, count=200):
-    """Each planner that races with the policy, to `count` goals at every distance, with noise."""
-    planners = common.opponents(args.sim)
-    planners["policy"] = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
-    far = np.repeat(DISTANCES, count)
+def study_distances(args):
+    """The opponents and the policy to goals at every distance, with noise; the policy also without."""
+    policy = common.shipped(args.sim)
+    planners = {**common.opponents(args.sim), "policy": policy, EXACT: policy}
+    far = np.repeat(DISTANCES, GOALS)
     way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
     goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
-    trials = evaluate.Trials(goals, POOLED_FIRST)
     rows = []
-    for noise in (True, False):
-        with common.world(args.sim, num_robots=len(far), noise=noise) as world:
-            least = least_time(goals, world)
-            for name in planners if noise else ["policy"]:
-                ended = {"least": least} | evaluate.evaluate(planners[name], world, trials)
-                for distance in DISTANCES:
-                    own = {key: value[far == distance] for key, value in ended.items()}
-                    row = common.row_of(own, name if noise else EXACT)
-                    shortest = own["least"][own["outcome"] == "success"].mean()
-                    rows.append({"distance": distance, **row, "least": float(shortest)})
-    return {"goals": count, "rows": rows}
+    with common.world(args.sim, num_robots=len(far)) as world:
+        least = least_time(goals, world)
+        for name, planner in planners.items():
+            world.noise = name != EXACT
+            ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, POOLED_FIRST))
+            reached = ended["outcome"] == "success"
+            for distance in DISTANCES:
+                here = far == distance
+                own = {key: value[here] for key, value in ended.items()}
+                row = common.row_of(own, name, distance=distance)
+                row["least"] = least[here & reached].mean()
+                rows.append(row)
+    return {"goals": GOALS, "rows": rows}
 
 
 def study_all(args):
     """Every training and its opponents."""
-    folder = RESULTS / args.sim / "seeds"
-    policies = {
-        seed: common.policy(folder / str(seed) / "policy.pt", args.sim) for seed in SEEDS[args.sim]
-    }
-    found = walked(args.sim, policies, SETS, common.opponents(args.sim))
+    found = walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
     calm = pick(found["rows"], planner="policy", push=0.0)
     return {"median_seed": median_seed(calm), **found}
 
 
 def study_pooled(args):
     """The shipped policy in many walks."""
-    shipped = common.policy(RESULTS / args.sim / "policy.pt", args.sim)
-    return {"first_seed": POOLED_FIRST, **walked(args.sim, {None: shipped}, POOLED_SETS)}
+    found = walked(args.sim, {None: common.shipped(args.sim)}, POOLED_SETS, {})
+    return {"first_seed": POOLED_FIRST, **found}
+
+
+FILM = {
+    "before training": "policy.start.pt",
+    "after a tenth of it": "policy.tenth.pt",
+    "at the end": "policy.pt",
+}
 
 
 def study_film(args):
     """The shipped policy before, during and after its training, in learning.gif above the table."""
-    folder = RESULTS / args.sim
-    names = {"before training": "policy.start", "after a tenth of it": "policy.tenth"}
+    trials, walks = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0), {}
     with common.world(args.sim, num_robots=1, noise=False, cores=1) as world:
-        trials = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0)
-        walks = {}
-        for title, name in {**names, "at the end": "policy"}.items():
-            planner = common.policy(folder / f"{name}.pt", args.sim)
+        for title, file in FILM.items():
+            planner = common.policy(RESULTS / args.sim / file, args.sim)
             walks[title] = next(evaluate.record(planner, world, trials))
     evaluate.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
     return {title: walk["ending"] for title, walk in walks.items()}
@@ -151,7 +146,7 @@ class Watched(env.FootstepWorld):
         error = view.goal - goal
         error[:, 2] = env.wrap(error[:, 2])
         claimed = np.diagonal(self.covariance[robots], axis1=1, axis2=2)
-        self.seen.append(np.column_stack([error**2, claimed, np.hypot(*goal[:, :2].T)]))
+        self.seen.append(np.column_stack([error**2, claimed, env.polar(goal)[0]]))
         return view
 
 
@@ -165,17 +160,17 @@ AXES = {"x": "m", "y": "m", "yaw": "rad"}
 
 def study_estimate(args):
     """Root mean square error, and what the filter takes for it (claimed), by distance."""
-    policy, rows = common.policy(RESULTS / args.sim / "policy.pt", args.sim), []
+    policy, rows = common.shipped(args.sim), []
     for name, settings in FILTERS.items():
         with common.world(args.sim, Watched, **settings) as world:
-            common.walks(policy, world, far=True, sets=1)
+            common.walks(policy, world, far=True)
         squares = np.concatenate(world.seen)  # [K, 7]
         for first, last in zip(RINGS, RINGS[1:]):
             ring = (squares[:, 6] >= first) & (squares[:, 6] < last)
             error, claimed = np.sqrt(squares[ring, :6].mean(0)).reshape(2, 3)
             row = {"filter": name, "from_m": first}
             for axis, e, c in zip(AXES, error, claimed):
-                row |= {f"{axis}_error": float(e), f"{axis}_ratio": float(e / c)}
+                row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
             rows.append(row)
     robot_model.save_figure(plot_estimate(rows, args.sim), args.out / "seeds.estimate.png")
     return {"goals": common.PER_SET, "rows": rows}
@@ -187,11 +182,10 @@ def plot_estimate(rows, sim):
     for panel, (name, unit) in zip(panels, AXES.items()):
         for k, title in enumerate(FILTERS):
             own = pick(rows, filter=title)
-            error, ratio = (
-                np.array([row[f"{name}_{key}"] for row in own]) for key in ("error", "ratio")
-            )
+            error, ratio = (values(own, f"{name}_{key}") for key in ("error", "ratio"))
             panel.plot(RINGS[:-1], error, f"C{k}o-", label=f"error ({title})")
-            panel.plot(RINGS[:-1], error / ratio, f"C{k}x--", label=f"claimed σ ({title})")
+            claimed = np.divide(error, ratio)
+            panel.plot(RINGS[:-1], claimed, f"C{k}x--", label=f"claimed σ ({title})")
         panel.set(title=name, xlabel="distance of the goal, from [m]", ylim=(0, None))
         panel.set_ylabel(f"root mean square error [{unit}]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
@@ -222,17 +216,11 @@ def table(found, sim):
         "over_expert": 3,
         "median_over_expert": 3,
     }
+    distances = {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2, "least": 2}
     return common.sections(
         found,
         {
-            "distances": {
-                "planner": 0,
-                "distance": 2,
-                "success": 3,
-                "fall": 3,
-                "time_mean": 2,
-                "least": 2,
-            },
+            "distances": distances,
             "seeds": start | {"seed": 0} | end,
             "pooled": start | end,
             "estimate": {"filter": 0, "from_m": 1}
@@ -249,23 +237,16 @@ def plot(found, sim):
     for shift, (name, style) in enumerate(styles.items()):
         own = pick(found["rows"], planner=name)
         look = {"color": common.COLORS.get(name, "tab:pink"), "label": name}
-        time, fall = (np.array([row[key] for row in own]) for key in ("time_mean", "fall"))
-        std = np.array([row["time_std"] for row in own])
+        time, std = (np.array(values(own, key)) for key in ("time_mean", "time_std"))
         times.errorbar(DISTANCES, time, 1.96 * std / found["goals"] ** 0.5, fmt=style, **look)
-        low, high = np.transpose([row["fall_ci95"] for row in own])
         moved = np.add(DISTANCES, 0.05 * shift)  # so that the intervals do not hide each other
-        bars = np.abs([fall - low, high - fall])
+        fall, bars = common.fall_bars(own)
         falls.errorbar(moved, 100 * fall, 100 * bars, fmt=style, capsize=3, **look)
-    times.plot(
-        DISTANCES,
-        [row["least"] for row in own],
-        color="0.5",
-        label="least time that the step limits allow",
-    )
-    times.set(ylabel="mean time of the successes [s]", ylim=(0, None))
-    falls.set(ylabel="falls [% of the walks]", ylim=(0, None))
-    for axis in (times, falls):
-        axis.set_xlabel("distance of the goal [m]")
+    least = values(own, "least")
+    times.plot(DISTANCES, least, color="0.5", label="least time that the step limits allow")
+    labels = "mean time of the successes [s]", "falls [% of the walks]"
+    for axis, label in zip((times, falls), labels):
+        axis.set(xlabel="distance of the goal [m]", ylabel=label, ylim=(0, None))
     times.legend()
     figure.suptitle(f"Any direction and yaw, with noise, bars: 95 % intervals ({sim})")
     return figure
@@ -273,50 +254,41 @@ def plot(found, sim):
 
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
-    distances, pooled, trained = (data["mujoco"][part] for part in ("distances", "pooled", "seeds"))
+    parts = "distances", "pooled", "seeds", "estimate"
+    distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
     names = "policy", "expert", "baseline_tuned"
     times, falls = (
-        [common.values(distances["rows"], key, planner=name) for name in names]
+        [values(distances["rows"], key, planner=name) for name in names]
         for key in ("time_mean", "fall")
     )
     first = np.sum(np.argmin(times, 0) == 0)
-    policy, by_hand, tuned = (own[-1] for own in times)
+    policy, by_hand, tuned = np.array(times)[:, -1]
     near, far, pushed = pooled["rows"]
-    causes, noisy = (
-        pick(distances["rows"], planner=name, distance=2.0)[0] for name in (EXACT, "policy")
-    )
-    trainings = pick(trained["rows"], planner="policy", push=0.0)
-    ratios = [row["over_expert"] for row in trainings]
-
-    def fallen(planner, push):
-        rows = pick(trained["rows"], planner=planner, push=push)
-        walks, fell = (sum(row[key] for row in rows) for key in ("episodes", "falls"))
-        return f"{fell} of {walks:,}"
-
+    (exact,) = pick(distances["rows"], planner=EXACT, distance=2.0)
+    (noisy,) = pick(distances["rows"], planner="policy", distance=2.0)
+    rows = trained["rows"]
+    ratios = values(rows, "over_expert", planner="policy", push=0.0)
     ours, simple = (
-        [
-            row[f"{axis}_ratio"]
-            for row in pick(data["mujoco"]["estimate"]["rows"], filter=name)
-            for axis in AXES
-        ]
+        [row[f"{axis}_ratio"] for row in pick(estimate["rows"], filter=name) for axis in AXES]
         for name in FILTERS
     )
     return {
         "distances": f"The policy is the fastest of the three at {first} of {len(times[0])} "
         f"distances. At 6 m it needs {policy:.1f} s, `expert` {by_hand:.1f} s and "
         f"`baseline_tuned` {tuned:.1f} s; there they fall in "
-        "{}, {} and {} of the walks.".format(*(common.share(own[-1], 1) for own in falls)),
-        "causes": f"At 2 m the step limits alone would allow {causes['least']:.1f} s; without noise "
-        f"the policy needs {causes['time_mean']:.1f} s (the body does not bear all largest steps at "
+        "{}, {} and {} of the walks.".format(*(share(own[-1], 1) for own in falls)),
+        "causes": f"At 2 m the step limits alone would allow {exact['least']:.1f} s; without noise "
+        f"the policy needs {exact['time_mean']:.1f} s (the body does not bear all largest steps at "
         f"once, and it has to start and stop), with noise {noisy['time_mean']:.1f} s.",
         "pooled": f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones "
         f"the policy fell {near['falls']} and {far['falls']} times; pushed by 0.4 m/s every 3 s on "
-        f"the way to the far ones, in {common.share(pushed['fall'], 1)} of the walks.",
+        f"the way to the far ones, in {share(pushed['fall'], 1)} of the walks.",
         "trainings": f"All {len(ratios) // 2} trainings need {min(ratios):.2f} to {max(ratios):.2f} of "
         "the time of `expert`.",
-        "safety": f"All trainings together fell in {fallen('policy', 0.0)} walks, `expert` in "
-        f"{fallen('expert', 0.0)}; pushed by 0.4 m/s, in {fallen('policy', 0.4)} and in "
-        f"{fallen('expert', 0.4)}.",
+        "safety": f"All trainings together fell in {fallen(rows, planner='policy', push=0.0)} walks, "
+        f"`expert` in {fallen(rows, planner='expert', push=0.0)}; pushed by 0.4 m/s, in "
+        f"{fallen(rows, planner='policy', push=0.4)} and in "
+        f"{fallen(rows, planner='expert', push=0.4)}.",
         "estimate": f"The error of the estimate is {min(ours):.2f} to {max(ours):.2f} of what the "
         f"filter takes it to be, at every distance; with independent errors and a smaller drift it "
         f"is {min(simple):.2f} to {max(simple):.2f}.",

@@ -30,7 +30,8 @@ DIRECTIONS = {
 LEVELS = 8  # step sizes tried per direction
 PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
 FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
-PLANS = 96  # random ones
+PLANS = 96  # random ones, to tune the walk
+RANDOM = 1000  # random ones, to measure it
 
 
 def speed_plans():
@@ -40,18 +41,18 @@ def speed_plans():
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
 
 
-def gyro_errors(rng, count):
-    """`disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at every
-    tick."""
-    largest = env.Spread().gyro
-    constant = rng.uniform(-largest, largest, (count, 1, 2))  # [rad/s] about x and y
+def random_robots(rng, count, robot=robot_model.RobotModel()):
+    """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at
+    every tick."""
+    spread = env.Spread()
+    constant = rng.uniform(-spread.gyro, spread.gyro, (count, 1, 2))  # [rad/s] about x and y
 
     def disturb(disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
         noise = rng.normal(size=(count, *disturbance.gyro_error.shape[1:]))  # [count, T, 2]
         disturbance.gyro_error[:] = (constant + env.Task().imu_rad_s * noise)[robots]
 
-    return disturb
+    return spread.draw(rng.spawn(count), robot), disturb
 
 
 def highest_speed(poses, fall, period):
@@ -103,15 +104,14 @@ def clearance_and_slip(engine, motion):
     #            |  both  |     swing      |
     wait = round(engine.parameters.double_support * half_ticks)
     swing = half_ticks - wait
+    middle = slice(round(0.3 * swing) - 1, round(0.7 * swing))
     clearance, slip = [], []
     for foot, lift_off in ((robot_model.LEFT, wait), (robot_model.RIGHT, half_ticks + wait)):
         # A motion has no state before its first tick: index i is what tick i + 1 left behind.
-        begin = lift_off + round(0.3 * swing) - 1
-        end = lift_off + round(0.7 * swing) - 1
-        clearance.append(low[:, begin : end + 1, foot].min(1))
-        first, landing = lift_off, lift_off + swing - 1  # after one tick of the swing, after all
-        way = ankle[:, landing, 1 - foot] - ankle[:, first, 1 - foot]  # [n, 3] of the other foot
-        slip.append(np.hypot(way[:, 0], way[:, 1]))
+        ticks = slice(lift_off, lift_off + swing)  # after the first tick of the swing to the last
+        clearance.append(low[:, ticks, foot][:, middle].min(1))
+        support = ankle[:, ticks, 1 - foot, :2]  # [n, swing, 2] where the other foot is
+        slip.append(np.hypot(*(support[:, -1] - support[:, 0]).T))
     return np.concatenate(clearance), np.concatenate(slip)
 
 
@@ -129,20 +129,18 @@ def off_plan(planned, poses):
     return last.mean((0, 1)), last.sum(1).std(0) / 5**0.5
 
 
-def measure_drift(sim, count=1000, size=0.75):
-    """`off_plan` of random plans within this share of the limits: planners seldom ask for more."""
-    rng, limits = np.random.default_rng(3000), env.LIMITS[sim]
-    low, high = size * np.array(limits.low), size * np.array(limits.high)
-    plans = rng.uniform(low, high, (count, len(PATTERN), 2, 3))
-    body = env.Spread().draw(rng.spawn(count), robot_model.RobotModel())
-    walk = walk_engine.TUNED[sim]
-    trunk = [np.tile([walk.trunk_x_offset, 0, 0], (count, 1))]  # as planned  [N, 3] each
+def measure_drift(sim):
+    """`off_plan` of random plans within 75 % of the limits: planners seldom ask for more."""
+    rng, limits, walk = np.random.default_rng(3000), env.LIMITS[sim], walk_engine.TUNED[sim]
+    low, high = 0.75 * np.array([limits.low, limits.high])
+    plans = rng.uniform(low, high, (RANDOM, len(PATTERN), 2, 3))
+    trunk = [np.tile([walk.trunk_x_offset, 0, 0], (RANDOM, 1))]  # as planned  [N, 3] each
 
     def watch(engine, motion):
         trunk.append(engine.trunk[:, robot_model.GROUND, 0].copy())
 
-    gyros = gyro_errors(rng, count)
-    poses, _, fall = walk_engine.walk_plans(sim, walk, plans, body, gyros, watch)
+    robots = random_robots(rng, RANDOM)
+    poses, _, fall = walk_engine.walk_plans(sim, walk, plans, *robots, watch)
     stood, trunk = fall == len(PATTERN), np.stack(trunk, 1)  # [N, K + 1, 3]
     planned = robot_model.relative(trunk[:, :-1], trunk[:, 1:])
     return off_plan(planned[stood], poses[stood])
@@ -169,39 +167,34 @@ def measure(
     straight = speed_plans() * [size, size, 1]
     random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
     plans = np.concatenate([*[straight] * len(frictions), random])
-    body = env.Spread().draw(rng.spawn(len(plans)), robot)
+    body, gyros = random_robots(rng, len(plans), robot)
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
+
+    def watch(engine, motion):
+        feet.append(clearance_and_slip(engine, motion))
+
     poses, wanted, fall = walk_engine.walk_plans(
-        sim,
-        parameters,
-        plans,
-        body,
-        gyro_errors(rng, len(plans)),
-        watch=lambda engine, motion: feet.append(clearance_and_slip(engine, motion)),
-        robot=robot,
+        sim, parameters, plans, body, gyros, watch, robot=robot
     )
     clearance, slip = map(np.concatenate, zip(*feet))
-    period, speeds, tracking = 2 * parameters.half_ticks * robot.control_dt, [], []
-    for first in np.arange(len(frictions)) * len(straight):
-        rows = slice(first, first + len(straight))
+    period, speeds, tracking = walk_engine.WalkEngine(1, parameters, robot).period, [], []
+    for k in range(len(frictions)):
+        rows = slice(k * len(straight), (k + 1) * len(straight))
         speeds.append(highest_speed(poses[rows], fall[rows], period))
-        ratio = poses[rows, -1] / np.where(wanted[rows, -1] == 0, np.nan, wanted[rows, -1])
-        gentle = np.array([LEVELS // 4, LEVELS // 2]) - 1  # levels
-        tracking.append(
-            {
-                name: float(ratio[i * LEVELS + gentle, axis].mean())
-                for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items())
-            }
-        )
+        ratios = {}
+        for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items()):
+            levels = rows.start + i * LEVELS + np.array([LEVELS // 4, LEVELS // 2]) - 1
+            ratios[name] = np.mean(poses[levels, -1, axis] / wanted[levels, -1, axis])
+        tracking.append(ratios)
     random_falls = fall[-count:]
     return {
         "speeds": speeds,
         "tracking": tracking,
-        "stood": float(np.mean(random_falls == len(PATTERN))),
-        "steps": float(np.mean(random_falls) / len(PATTERN)),
+        "stood": np.mean(random_falls == len(PATTERN)),
+        "steps": np.mean(random_falls) / len(PATTERN),
         "clearance": np.percentile(clearance, [50, 5]).tolist(),
-        "slip": float(np.median(slip)),
+        "slip": np.median(slip),
     }
 
 
@@ -230,6 +223,7 @@ SEARCH = {  # tuned parameters and their ranges, of our robot: from those of [5]
     "pitch_per_step": (-1.0, 1.0),
     "trunk_roll": (-0.02, 0.12),
 }
+SIZES = (10, 28, 7)  # of the search: iterations, candidates, how many are kept
 # For another robot: by which power of its size they change; lengths, time, angle per length
 POWER = dict.fromkeys(("foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"), 1)
 POWER |= {"half_ticks": 0.5, "pitch_per_step": -1}
@@ -256,9 +250,9 @@ def changed(start, names, x):
     return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
 
 
-def tune(sim, seed, sizes=(10, 28, 7), robot=robot_model.RobotModel(), walk=None, limits=None):
-    """A search from `walk` (None: TUNED) on, see `common.cross_entropy`: 10 times 28 candidates, the
-    best quarter is kept. Returns WalkParameters. [5] used a tree-structured Parzen estimator.
+def tune(sim, seed, robot=robot_model.RobotModel(), walk=None, limits=None):
+    """A search from `walk` (None: TUNED) on, see `common.cross_entropy`. Returns WalkParameters. [5]
+    used a tree-structured Parzen estimator.
     """
     start = walk or walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
@@ -269,27 +263,19 @@ def tune(sim, seed, sizes=(10, 28, 7), robot=robot_model.RobotModel(), walk=None
     def costs(iteration, drawn):
         tried = [changed(start, names, x) for x in drawn]
         # In one iteration all candidates walk in the same worlds; `main` takes other ones.
-        own = {"robot": robot, "limits": limits}
-        seen = [measure(sim, candidate, iteration, **own) for candidate in tried]
+        seen = [measure(sim, x, iteration, robot=robot, limits=limits) for x in tried]
         scores = np.array([score(sim, measured) for measured in seen])
-        print(
-            f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}  |  "
-            f"{in_words(seen[0])}\n{tried[0]}",
-            flush=True,
-        )
+        print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}")
+        print(f"{in_words(seen[0])}\n{tried[0]}", flush=True)
         return -scores
 
     mean = np.array([getattr(start, name) for name in names])
-    rng = np.random.default_rng(seed)
-    return changed(
-        start,
-        names,
-        common.cross_entropy(costs, mean, (high - low) / 10, sizes, rng, low, high, stays=0.5),
-    )
+    spread, rng = (high - low) / 10, np.random.default_rng(seed)
+    best = common.cross_entropy(costs, mean, spread, SIZES, rng, low, high, stays=0.5)
+    return changed(start, names, best)
 
 
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
-RANDOM = 1000  # plans within the limits
 X = np.linspace(-0.24, 0.32, CELLS)  # [m]
 MAPS = {  # title: label of the second axis, its values, first and then from (x, second)
     "forward and turning": (
@@ -310,22 +296,20 @@ MAPS = {  # title: label of the second axis, its values, first and then from (x,
 }
 
 
-def fall_map(sim, first, then):
-    """Share of falls [R] of drawn robots, plans [R, 2, 3]: three double steps `first`, then five
-    of `then`, varied by ± 5 %.
+def fall_map(sim, steps):
+    """Share of falls [R, C] of random robots; steps [R, C, 2, 2, 3]: three times the first double
+    step, then five times the second one, varied by ± 5 %.
     """
-    plans, rng = np.stack([first] * 3 + [then] * 5, 1), np.random.default_rng(0)
-    plans = plans.repeat(REPEATS, 0)  # [R · REPEATS, 8, 2, 3]
+    plans, rng = steps[:, :, [0, 0, 0, 1, 1, 1, 1, 1]], np.random.default_rng(0)
+    plans = plans.reshape(-1, 8, 2, 3).repeat(REPEATS, 0)  # [R · C · REPEATS, 8, 2, 3]
     plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
-    body = env.Spread().draw(rng.spawn(len(plans)), robot_model.RobotModel())
-    gyros = gyro_errors(rng, len(plans))
-    _, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body, gyros)
-    return (fall < plans.shape[1]).reshape(-1, REPEATS).mean(1)
+    robots = random_robots(rng, len(plans))
+    _, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, *robots)
+    return (fall < 8).reshape(*steps.shape[:2], REPEATS).mean(-1)
 
 
-def cells(title, xs, others):
+def cells(steps, xs, others):
     """Double steps [len(others), len(xs), 2, 2, 3] of a map: first, then."""
-    steps = MAPS[title][2]
     return np.array([[steps(x, other) for x in xs] for other in others], float)
 
 
@@ -338,21 +322,20 @@ def allowed(steps, limits):
 def study_limits(args):
     """The three maps, the random plans, the feet."""
     found = {}
-    for title, (_, second, _) in MAPS.items():
-        steps = cells(title, X, second)
-        first, then = (steps[..., k, :, :].reshape(-1, 2, 3) for k in (0, 1))
-        falls = fall_map(args.sim, first, then).reshape(len(second), len(X))
-        inside = allowed(steps, env.LIMITS[args.sim])
+    for title, (_, second, steps) in MAPS.items():
+        steps = cells(steps, X, second)
+        falls, inside = fall_map(args.sim, steps), allowed(steps, env.LIMITS[args.sim])
         found[title] = {
             "fall_inside": round(falls[inside].mean(), 4),
             "fall_anywhere": round(falls.mean(), 4),
             "falls": falls.tolist(),
         }
     measured = measure(args.sim, walk_engine.TUNED[args.sim], frictions=(), count=RANDOM)
-    found["stood"] = measured["stood"]
-    found["clearance"] = np.round(measured["clearance"], 5).tolist()
-    found["slip"] = round(measured["slip"], 5)
-    return found
+    return found | {
+        "stood": measured["stood"],
+        "clearance": np.round(measured["clearance"], 5).tolist(),
+        "slip": round(measured["slip"], 5),
+    }
 
 
 PARTS = {"limits": study_limits}
@@ -375,11 +358,11 @@ def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
     limits, found = env.LIMITS[sim], found["limits"]
     figure, axes = plt.subplots(1, 3, figsize=(14, 4.4))
-    for axis, (title, (label, second, _)) in zip(axes, MAPS.items()):
+    for axis, (title, (label, second, steps)) in zip(axes, MAPS.items()):
         falls = found[title]["falls"]
         image = axis.pcolormesh(X, second, falls, cmap="magma_r", vmin=0, vmax=1)
         fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
-        inside = allowed(cells(title, fine, other), limits)
+        inside = allowed(cells(steps, fine, other), limits)
         axis.contour(fine, other, inside, [0.5], colors="tab:cyan", linewidths=2)
         axis.grid(False)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
@@ -390,11 +373,11 @@ def plot(found, sim):
 
 def main(argv=None):
     study = import_module("walk")
-    flags = {"limits": "maps of falls", "tune": "optimise the walk parameters"}
     args = common.arguments(
         study,
         argv,
-        **{name: {"action": "store_true", "help": words} for name, words in flags.items()},
+        limits={"action": "store_true", "help": "maps of falls"},
+        tune={"action": "store_true", "help": "optimise the walk parameters"},
         robot={"type": Path, "help": "of this file: ROBOT, WALK, LIMITS"},
     )
     if args.tune:

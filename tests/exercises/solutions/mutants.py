@@ -23,6 +23,7 @@ SLOW = "improve", "steps_to_go"  # they train or search: with a mistake perhaps 
 HARMLESS = {  # so many mistakes that compute the same, or that nobody should ask for
     "wrap: instead of Add": 1,  # half a turn ahead, or back
     "fallen: instead of cos": 1,  # sin 45° = cos 45°
+    "leg_inverse: instead of 0": 1,  # a roll leaves the x axis where it is
     "leg_inverse: instead of 1": 1,  # no knee folds so far
     "leg_inverse: exchanged in a row": 1,  # y² + z²
     "to_action: instead of 1": 1,  # a width of 0 is replaced later
