@@ -19,8 +19,6 @@ given as a torque; PyBullet's own position motor follows another law. Traps:
 Every robot has a world of its own, as some walk while others wait; a reset builds it again.
 """
 
-from functools import partial
-
 import numpy as np
 from common import robot_model
 
@@ -29,26 +27,17 @@ STEPS = 5  # of physics in a control tick
 FLOOR, ROBOT, JOINTS = 0, 1, [*range(12)]  # PyBullet counts the bodies of a world, and its joints
 
 
-class World:
-    """One of PyBullet's worlds: all of its functions and constants."""
-
-    def __init__(self):
-        try:
-            import pybullet
-        except ImportError as error:
-            raise robot_model.InputError(f"PyBullet is not installed: {PIP}") from error
-        self.bullet, self.number = pybullet, pybullet.connect(pybullet.DIRECT)  # without a window
-
-    def __getattr__(self, name):
-        found = getattr(self.bullet, name)
-        return partial(found, physicsClientId=self.number) if callable(found) else found
-
-
 class BulletSim(robot_model.MujocoSim):
     """N robots in PyBullet; `state` as that of MujocoSim, without the rates of the joints."""
 
     def __init__(self, sim, num_robots, standing, robot, cores=None):
-        self.worlds = [World() for _ in range(num_robots)]
+        try:
+            import pybullet
+            from pybullet_utils.bullet_client import BulletClient
+        except ImportError as error:
+            raise robot_model.InputError(f"PyBullet is not installed: {PIP}") from error
+        # Every world has all of PyBullet's functions and constants. DIRECT: without a window
+        self.worlds = [BulletClient(pybullet.DIRECT) for _ in range(num_robots)]
         super().__init__(num_robots, standing, robot, cores)
 
     def place(self, robots, body):
@@ -72,21 +61,21 @@ class BulletSim(robot_model.MujocoSim):
         first, axes = np.roll(last, 1), model.jnt_axis[1:]
         inertias = np.where(last, model.body_inertia[part], 1e-5)  # [12, 3]
         inertias += model.dof_armature[6:, None] * axes
-        soles = [-1] * 12
+        nothing, straight = [-1] * 12, [[0, 0, 0, 1]] * 12
+        shapes = nothing.copy()
         for k, name in (5, "left sole"), (11, "right sole"):
-            sole = model.geom(name)
-            soles[k] = world.createCollisionShape(
-                world.GEOM_BOX, halfExtents=sole.size, collisionFramePosition=sole.pos
+            sole, box = model.geom(name), world.GEOM_BOX
+            shapes[k] = world.createCollisionShape(
+                box, halfExtents=sole.size, collisionFramePosition=sole.pos
             )
-        straight = [[0, 0, 0, 1]] * 12
         world.createMultiBody(
             model.body_mass[1],
             basePosition=torso[:3],
             baseOrientation=world.getQuaternionFromEuler(torso[3:]),
             baseInertialFramePosition=model.body_ipos[1],
             linkMasses=np.where(last[:, 0], model.body_mass[part], 0.001),
-            linkCollisionShapeIndices=soles,
-            linkVisualShapeIndices=[-1] * 12,
+            linkCollisionShapeIndices=shapes,
+            linkVisualShapeIndices=nothing,
             linkPositions=first * model.body_pos[part],
             linkOrientations=straight,
             linkInertialFramePositions=last * model.body_ipos[part],

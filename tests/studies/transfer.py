@@ -28,7 +28,7 @@ from common import env, evaluate, pick, robot_model, walk_engine
 
 DURATION = "20 minutes on two cores; --bullet and --urdf: 15 minutes more each"
 RATIO = "time_ratio", "time_ratio_ci95"  # of `evaluate.time_ratio`
-OWN = "our model"
+OWN, MENDED = "our model", "team's, mended"
 SEED = 160  # of the evaluation; no other study uses it
 GOALS = {"near": (False, 0.0), "far": (True, 0.0), "pushed": (True, 0.4)}  # far? pushes [m/s]
 # ours = sign · theirs + zero [rad]: sign of the left, of the right leg; zero of the left, of the right
@@ -46,11 +46,9 @@ MISTAKE = 1.5708 - 1.54833  # [rad] by which the file turns the right foot too l
 ARMS = {"LShoulderPitch": 0.6, "LElbow": 0.3, "RShoulderPitch": -0.6, "RElbow": -0.3}  # in a walk
 MASS = [0, 1, 1, 2, 3, 4, 4, 5, 5, 6, 7, 8, 8]  # columns of Body.mass of their torso and links
 # What it gets from our model: motors, physics
-OURS = (
-    "dof_damping dof_armature dof_frictionloss actuator_gainprm actuator_biasprm actuator_biastype"
-)
-OURS += " actuator_forcerange actuator_forcelimited jnt_actfrclimited"
-OPTIONS = "timestep gravity cone integrator disableflags"
+OURS = """dof_damping dof_armature dof_frictionloss actuator_gainprm actuator_biasprm
+    actuator_biastype actuator_forcerange actuator_forcelimited jnt_actfrclimited""".split()
+OPTIONS = "timestep gravity cone integrator disableflags".split()
 
 
 # ------------------------------------------------------------------------ the team's model
@@ -101,9 +99,9 @@ def team_model(urdf, robot, mend=True):
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0  # only these pairs touch
     model, ours = spec.compile(), robot_model.mujoco_model(robot)
-    for name in OURS.split():
+    for name in OURS:
         getattr(model, name)[:] = getattr(ours, name)
-    for name in OPTIONS.split():
+    for name in OPTIONS:
         setattr(model.opt, name, getattr(ours.opt, name))
     model.pair_friction[:] = ours.pair_friction[0]
     return model, [torso.name, *(spec.joint(name).parent.name for name in NAMES)]
@@ -125,52 +123,49 @@ def measure(args, cases, planners=None, share=1):
     goal by goal, with those in the first case, and those of the policy with it."""
     if args.sim != "mujoco":
         raise robot_model.InputError("this study is about the 3-D robot: add --mujoco")
-    planners = planners or {
-        "policy": common.policy(common.RESULTS / args.sim / "policy.pt", args.sim),
-        **common.opponents(args.sim),
-    }
+    planners = planners or {"policy": common.shipped(args.sim), **common.opponents(args.sim)}
     first, rows, count = {}, [], max(1, args.walks // share)
     for case, settings in cases.items():
         told = {name: {"case": case, "planner": name} for name in planners}
         for goals, (far, push) in GOALS.items():
             with common.world(args.sim, num_robots=count, push=push, **settings) as world:
-                for name, planner in planners.items():
-                    ended = common.walks(planner, world, far, 1, SEED, count)
-                    if name == "policy":  # it is the first one
-                        policy = ended
-                    own = first.setdefault((name, goals), ended)
-                    row = common.row_of(ended, name, far)
-                    for key, pair in ("over_own", (ended, own)), ("policy_over", (policy, ended)):
-                        ratio = evaluate.time_ratio(*pair)
-                        row[key], row[f"{key}_ci95"] = map(ratio.get, RATIO)
-                    told[name] |= {f"{goals}_{key}": value for key, value in row.items()}
+                ended = {
+                    name: common.walks(planner, world, far, first=SEED)
+                    for name, planner in planners.items()
+                }
+            own = first.setdefault(goals, ended)
+            for name, walks in ended.items():
+                row = common.row_of(walks, name, far)
+                over = {"over_own": (walks, own[name]), "policy_over": (ended["policy"], walks)}
+                for key, pair in over.items():
+                    row[key], row[f"{key}_ci95"] = map(evaluate.time_ratio(*pair).get, RATIO)
+                told[name] |= {f"{goals}_{key}": value for key, value in row.items()}
         rows += told.values()
-    return {"rows": rows}
+    return rows
 
 
-def without(args, **settings):
+def without(args, prefix="", **settings):
     """Cases in which the walk does not answer what the IMU measures, as far as it does."""
     walk = walk_engine.TUNED[args.sim]
-    off = {
-        "reflex off": replace(walk, reflex=0.0),
-        "steps off": replace(walk, capture=0.0, wait=0.0),
-    }
-    return {name: {"walk": other, **settings} for name, other in off.items() if other != walk}
+    off = {"reflex off": replace(walk, reflex=0), "steps off": replace(walk, capture=0, wait=0)}
+    return {prefix + name: {"walk": w, **settings} for name, w in off.items() if w != walk}
 
 
 def in_team(args):
     """Cases in their model, as published and mended."""
-    cases = {"team's, as published": False, "team's, mended": True}
-    return {name: {"simulate": partial(TeamSim, args.urdf, mend)} for name, mend in cases.items()}
+    return {
+        "team's, as published": {"simulate": partial(TeamSim, args.urdf, False)},
+        MENDED: {"simulate": partial(TeamSim, args.urdf, True)},
+    }
 
 
 def study_zeros(args):
     """Our own model; joints whose zeros are wrong; no answers."""
-    wrong = {
-        f"joint zeros, σ {degrees}°": {"spread": env.Spread(zero=np.radians(degrees))}
-        for degrees in (0.5, 1, 2)
-    }
-    return measure(args, {OWN: {}, **wrong, **without(args)})
+    cases = {OWN: {}}
+    for degrees in 0.5, 1, 2:
+        spread = env.Spread(zero=np.radians(degrees))
+        cases[f"joint zeros, σ {degrees}°"] = {"spread": spread}
+    return measure(args, cases | without(args))
 
 
 def study_bullet(args):
@@ -183,11 +178,10 @@ def study_bullet(args):
 def study_urdf(args):
     """The team's model, also without answers."""
     if not args.urdf:
-        return print("the team's model is left out: --urdf PATH, see results/STUDIES.md")
+        return print("the team's model is left out: --urdf PATH, see transfer.py's first lines")
     cases = in_team(args)
-    off = without(args, **cases["team's, mended"])
-    off = {f"team's, mended, {name}": settings for name, settings in off.items()}
-    return measure(args, {OWN: {}, **cases, **off})
+    off = without(args, f"{MENDED}, ", **cases[MENDED])
+    return measure(args, {OWN: {}} | cases | off)
 
 
 def study_before(args):
@@ -204,26 +198,35 @@ def study_before(args):
         "walk": walk_engine.WalkParameters(**fits["walk"]),
         "limits": env.StepLimits(**fits["step limit"]),
     }
-    cases = {OWN: {}, **(in_team(args) if args.urdf else {})}
-    cases = {f"before: {name}": world | settings for name, settings in cases.items()}
+    cases = {"before: " + OWN: world}
+    for name, settings in in_team(args).items() if args.urdf else ():
+        cases["before: " + name] = world | settings
     return measure(args, cases, {"policy": common.policy(args.before, args.sim)})
 
 
 FLAGS = {
-    **{"walks": {"type": int, "default": 400}, "bullet": {"action": "store_true"}},
-    **{"urdf": {"type": readable}, "before": {"type": Path}},  # a wrong file ends it at once
+    "walks": {"type": int, "default": 400},
+    "bullet": {"action": "store_true"},
+    "urdf": {"type": readable},  # a wrong file ends it at once
+    "before": {"type": Path},
 }
 PARTS = {"zeros": study_zeros, "bullet": study_bullet, "urdf": study_urdf, "before": study_before}
-SHOWN = PARTS  # the figure has all of them
 COLUMNS = {
-    **{"case": 0, "far_episodes": 0, "near_success": 3, "near_time_mean": 2, "far_success": 3},
-    **{"far_time_mean": 2, "far_still_there": 2, "far_over_own": 2, "pushed_fall": 3},
+    "case": 0,
+    "far_episodes": 0,
+    "near_success": 3,
+    "near_time_mean": 2,
+    "far_success": 3,
+    "far_time_mean": 2,
+    "far_still_there": 2,
+    "far_over_own": 2,
+    "pushed_fall": 3,
 }
 
 
 def table(found, sim):
     """A table for each part."""
-    columns = {"planner": 0, **COLUMNS, "far_policy_over": 2}
+    columns = {"planner": 0} | COLUMNS | {"far_policy_over": 2}
     return common.sections(found, dict.fromkeys(PARTS, columns))
 
 
@@ -231,7 +234,7 @@ def rows_of(found):
     """The rows of all parts; those in our model once, of the first part."""
     first = {}
     for part in PARTS:
-        for row in found.get(part, {"rows": []})["rows"]:
+        for row in found[part]["rows"] if part in found else ():
             first.setdefault((row["case"], row["planner"]), row)
     return [*first.values()]
 
@@ -261,12 +264,9 @@ def found(data):
     """Sentences by name, from the numbers of 3-D."""
     rows, told = rows_of(data["mujoco"]), {}
     for name in "expert", "baseline_tuned":
-        own = pick(rows, planner=name)
-        pairs = [row[f"{goals}_policy_over_ci95"] for row in own for goals in ("near", "far")]
-        less, more = (
-            sum(map(sure, filter(None, pairs)))
-            for sure in (lambda ci: ci[1] < 1, lambda ci: ci[0] > 1)
-        )
+        own, keys = pick(rows, planner=name), ("near_policy_over_ci95", "far_policy_over_ci95")
+        pairs = [row[key] for row in own for key in keys if row[key]]  # None: nobody arrived
+        less, more = sum(high < 1 for _, high in pairs), sum(low > 1 for low, _ in pairs)
         told[name] = (
             f"Of {len(pairs)} pairs of a world and a set of goals (near, far) the policy needs less "
             f"time than `{name}` in {less} and more in {more}; in the others the 95 % interval of "
