@@ -33,8 +33,11 @@ SHAPES = (  # none of them is a cleat
     '<visual><geometry><mesh filename="package://nowhere/leg.stl"/></geometry></visual>'
     '<collision><geometry><box size="1 1 1"/></geometry></collision>'
 )
+CLEAT = (
+    '<collision><origin xyz="{} {} {}"/><geometry><sphere radius="0.006"/></geometry></collision>'
+)
 JOINT = (
-    '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin xyz="{}" rpy="{}"/>'
+    '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="{}" rpy="{}"/>'
     '<axis xyz="{}"/><limit lower="{}" upper="{}" effort="1" velocity="1"/>'
     '<dynamics damping="9" friction="9"/></joint>'
 )
@@ -53,20 +56,19 @@ def small_urdf(path):
         for k, (name, row) in enumerate(transfer.JOINTS.items()):
             sign, zero = row[side == "R"], row[2 + (side == "R")]
             turn = (zero - transfer.MISTAKE * (side + name == "RAnkleRoll")) * AXES[k]
-            place = np.add(PLACES[k], [0, outward * ROBOT.hip_y * (k == 0), 0])
+            place = PLACES[k] + [0, outward * ROBOT.hip_y * (k == 0), 0]
             link, shapes = f"{side.lower()}_{k}", SHAPES
             for x, y in product((0.1, -0.07), (0.04, -0.04)) if k == 5 else ():
-                low = 0.006 - ROBOT.ankle_height
-                shapes += f'<collision><origin xyz="{x} {y + outward * 0.015} {low}"/><geometry>'
-                shapes += '<sphere radius="0.006"/></geometry></collision>'
+                shapes += CLEAT.format(x, y + outward * 0.015, 0.006 - ROBOT.ankle_height)
             limits = sorted(sign * (np.array([-1.5, 2.0]) - zero))
-            joint = side + name, "revolute", above, link, words(place), words(turn)
+            turns = words(place), words(turn), words(sign * AXES[k])
             parts.append(LINK.format(link, 0.3, -0.02, shapes, i=0.001))
-            parts.append(JOINT.format(*joint, words(sign * AXES[k]), *limits))
+            parts.append(JOINT.format(side + name, above, link, *turns, *limits))
             above = link
-        parts.append(LINK.format(f"{side}_arm", 0.1, -0.1, "", i=0.001))
-        arm = side + "ShoulderPitch", "revolute", "base_link", f"{side}_arm", "0 0 0.2", "0 0 0"
-        parts.append(JOINT.format(*arm, f"0 {outward} 0", -3, 3))
+        arm, axis = f"{side}_arm", f"0 {outward} 0"
+        parts.append(LINK.format(arm, 0.1, -0.1, "", i=0.001))
+        name = side + "ShoulderPitch"
+        parts.append(JOINT.format(name, "base_link", arm, "0 0 0.2", "0 0 0", axis, -3, 3))
     path.write_text(f'<robot name="small">{"".join(parts)}</robot>', "utf-8")
     return path
 
@@ -91,16 +93,14 @@ def test_the_team_s_legs_are_ours_in_every_pose(urdf, mend):
     """Names, signs and zeros of the table: our angles put their feet where ours are."""
     model, parts = transfer.team_model(urdf, ROBOT, mend)
     assert [model.joint(k).name for k in range(1, 13)] == transfer.NAMES, "the left leg first"
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    for joints in rng.uniform(-0.3, 0.6, (20, 12)):
-        data.qpos[:] = np.concatenate([np.zeros(3), [1, 0, 0, 0], joints])
+    data, feet = mujoco.MjData(model), [model.body(parts[k]).id for k in (6, 12)]
+    published = robot_model.rotation(np.array([0, 0 if mend else -transfer.MISTAKE]), 0, 0)
+    for joints in np.random.default_rng(0).uniform(-0.3, 0.6, (20, 12)):
+        data.qpos[7:] = joints
         mujoco.mj_kinematics(model, data)
         points, turn = robot_model.leg_points(ROBOT, joints.reshape(2, 6))
-        for leg, foot in enumerate((parts[6], parts[12])):
-            close(data.body(foot).xpos, points[leg, 2] + ROBOT.hips[leg], foot)
-            rolled = transfer.MISTAKE * (leg == 1 and not mend)
-            published = robot_model.rotation(-rolled, 0, 0)
-            close(data.body(foot).xmat.reshape(3, 3), turn[leg] @ published, "published: rolled")
+        close(data.xpos[feet] - data.qpos[:3], points[:, 2] + ROBOT.hips)
+        close(data.xmat[feet].reshape(2, 3, 3), turn @ published, "as published: rolled")
     close(model.jnt_range[1:12], np.tile([-1.5, 2.0], (11, 1)), "limits turn with signs and zeros")
 
 
@@ -111,14 +111,11 @@ def test_the_team_s_model_has_our_motors_and_touches_with_its_cleats(urdf):
         close(getattr(model, name), getattr(ours, name), name)
     assert model.npair == 8 and not (model.geom_contype | model.geom_conaffinity).any()
     close(model.body("base_link").mass, 3.2, "arms are part of the torso")
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
     simulator = transfer.TeamSim(urdf, True, "mujoco", 1, robot_model.stance(ROBOT), ROBOT, 1)
     body = env.Spread().draw([np.random.default_rng(0)], ROBOT)
     simulator.reset([0], body)
     masses = simulator.models[0].body_mass[simulator.parts] / model.body_mass[simulator.parts]
-    left, right = body.mass[0, [4, 8]]
-    close(masses[[5, 6, 11, 12]], [left, left, right, right], "a foot of theirs is two bodies")
+    close(masses[[5, 6, 11, 12]], body.mass[0, [4, 4, 8, 8]], "a foot of theirs is two bodies")
     motion = standing(simulator, 100)
     simulator.close()
     assert not motion.fell[0] and abs(motion.torso[0, -1, 2] - simulator.standing[0][2]) < 0.01
@@ -176,7 +173,7 @@ def test_an_older_policy_walks_on_the_robot_of_its_training(monkeypatch, capsys)
     assert "another" not in capsys.readouterr().out, "no note of a difference"
 
 
-def test_the_robot_of_a_file_walks(tmp_path):
+def test_the_robot_of_a_file_walks():
     settings = evaluate.names_in(OP3)
     with common.world("mujoco", num_robots=4, noise=False, cores=1, **settings) as world:
         close(sum(world.simulator.model.body_mass), 3.15, "kg", atol=0.01)
@@ -256,14 +253,11 @@ def test_pybullet_has_our_masses_motors_and_pushes():
         close(centre, model.body(name).ipos, name)
         rotor = [0, 0, 0] if k < 0 else ROBOT.armature * model.jnt_axis[1 + k]
         close(inertia, model.body(name).inertia + rotor, name)
-    simulator.reset(np.arange(3), robot_model.Body.as_model(ROBOT, 3))
-    moved = []
-    for force in 0, 60:
-        simulator.reset(np.arange(3))
-        moved.append(standing(simulator, 30, force).torso[:, -1, 1])
+    for force, way in (0, 0), (60, 0.0385):
+        simulator.reset(np.arange(3), robot_model.Body.as_model(ROBOT, 3))
+        moved = standing(simulator, 30, force).torso[:, -1, 1]
+        close(moved, [0, way, 0], "only one is pushed, as far as in MuJoCo", 0.004)
     simulator.close()
-    close(moved[0], np.zeros(3), "nobody moves", atol=0.004)
-    close(moved[1], [moved[0][0], 0.0385, moved[0][2]], "one is pushed, as far as in MuJoCo", 0.004)
 
 
 @needs_pybullet
