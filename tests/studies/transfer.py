@@ -119,8 +119,9 @@ class TeamSim(robot_model.MujocoSim):
 
 # ------------------------------------------------------------------------ the study
 def measure(args, cases, planners=None, share=1):
-    """A row for each planner in each case (settings of the world by name). Its times are compared,
-    goal by goal, with those in the first case, and those of the policy with it."""
+    """A row for each planner in each case; cases: settings of the world by name. Goal by goal,
+    over_own: its times ÷ its times in the first case; policy_over: the policy's times ÷ its times.
+    """
     if args.sim != "mujoco":
         raise robot_model.InputError("this study is about the 3-D robot: add --mujoco")
     planners = planners or {"policy": common.shipped(args.sim), **common.opponents(args.sim)}
@@ -233,8 +234,8 @@ def table(found, sim):
 def rows_of(found):
     """The rows of all parts; those in our model once, of the first part."""
     first = {}
-    for part in PARTS:
-        for row in found[part]["rows"] if part in found else ():
+    for part in filter(found.get, PARTS):
+        for row in found[part]["rows"]:
             first.setdefault((row["case"], row["planner"]), row)
     return [*first.values()]
 
@@ -251,8 +252,8 @@ def plot(found, sim):
             x, (low, high) = (np.array([row[k] for row in own]).T for k in (key, f"{key}_ci95"))
             errors = np.maximum(0, [x - low, high - x])
             panel.errorbar(x, y, xerr=errors, fmt="o", color=color, capsize=3, label=name)
-    panels[0].set(xlabel="share of walks that arrive [1]", yticks=-np.arange(len(cases)))
-    panels[0].set_yticklabels(cases)
+    panels[0].set(yticks=-np.arange(len(cases)), yticklabels=cases)
+    panels[0].set(xlabel="share of walks that arrive [1]")
     panels[1].axvline(1, color="0.5", zorder=0)
     panels[1].set(xlabel="mean time ÷ that on our model, same goals [1]")
     panels[1].legend()
@@ -268,8 +269,8 @@ def found(data):
         pairs = [row[key] for row in own for key in keys if row[key]]  # None: nobody arrived
         less, more = sum(high < 1 for _, high in pairs), sum(low > 1 for low, _ in pairs)
         told[name] = (
-            f"Of {len(pairs)} pairs of a world and a set of goals (near, far) the policy needs less "
-            f"time than `{name}` in {less} and more in {more}; in the others the 95 % interval of "
+            f"Of {len(pairs)} pairs of a world and a set of goals, near or far, the policy needs less "
+            f"time than `{name}` in {less} and more in {more}. In the others the 95 % interval of "
             "the ratio of their times contains 1."
         )
     return told | {
