@@ -68,8 +68,10 @@ import copy
 import importlib.util
 import math
 import os
+import signal
 import sys
 import tempfile
+import threading
 import time
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, fields, is_dataclass
@@ -1240,6 +1242,17 @@ def save_figure(figure, path):
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
 
 
+def interrupt(number, frame):
+    """What Ctrl-C does. While pymunk frees memory an exception would be lost: so a moment later."""
+    while frame:
+        code = frame.f_code
+        if "pymunk" in code.co_filename and "free" in code.co_name:
+            threading.Timer(0.05, signal.raise_signal, [number]).start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
 def start(main):
     """Calls a script's main(). What is no bug is one line, without a traceback: input that cannot
     be used, and Ctrl-C; and a reader like `head` may stop reading. A notebook's own figures go on
@@ -1251,6 +1264,11 @@ def start(main):
     os.environ.pop("MUJOCO_GL", None)  # a wrong renderer would stop MuJoCo, and we need none
     backend = matplotlib.get_backend(auto_select=False)  # None: not chosen yet
     plt.switch_backend("Agg")  # figures are drawn into files, without a screen
+    ctrl_c = signal.getsignal(signal.SIGINT)
+    usual = ctrl_c is signal.default_int_handler
+    usual &= threading.current_thread() is threading.main_thread()
+    if usual:
+        signal.signal(signal.SIGINT, interrupt)
     try:
         with plt.rc_context({**matplotlib.rcParamsDefault, "backend": "agg", **STYLE}):
             main()
@@ -1261,6 +1279,8 @@ def start(main):
         print(f"\n{Path(sys.argv[0]).name}: {message}", file=sys.stderr)
         sys.exit(2)
     finally:
+        if usual:
+            signal.signal(signal.SIGINT, ctrl_c)
         with contextlib.suppress(ImportError):  # a screen that is not there
             plt.switch_backend(backend or "Agg")
 

@@ -3,8 +3,10 @@
 import contextlib
 import io
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from importlib import import_module
 from unittest import mock
@@ -150,6 +152,25 @@ assert child.exitcode == 0, "it hangs"
     done = run("-c", code)
     said = "this world was made in another process: make one in this process\n"
     assert (done.returncode, done.stdout) == (0, said), done.stderr
+
+
+def test_ctrl_c_while_memory_is_freed_comes_a_moment_later(capsys):
+    # An exception in here would be ignored, as a destructor calls it.
+    source = "def freebody(): signal.raise_signal(signal.SIGINT); came.append('here')"
+    names = {"signal": signal, "came": []}
+    exec(compile(source, "pymunk/body.py", "exec"), names)
+
+    def main():
+        names["freebody"]()
+        time.sleep(10)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with contextlib.ExitStack() as stack:
+        stack.callback(signal.signal, signal.SIGINT, before)
+        with pytest.raises(SystemExit):
+            robot_model.start(main)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "a notebook's own"
+    assert names["came"] and "interrupted" in capsys.readouterr().err
 
 
 def test_who_stops_reading_gets_no_traceback():
