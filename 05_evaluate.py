@@ -742,24 +742,39 @@ def choose_planners(world, policies=(), planners=()):
 
 
 # ------------------------------------------------------------------------ command line
-def make_world(args, count, push=0.0, cores=None, noise=False):
+def make_world(args, count, push=0.0, cores=None):
     """A world as the command line asks for; with --friction the floor is the same for all."""
     more = names_in(args.robot) if args.robot else {"robot": robot_model.RobotModel()}
     if args.friction is not None:
         more["robot"] = replace(more["robot"], friction=args.friction)
         more["spread"] = env.Spread(friction=0.0)
-    return env.FootstepWorld(count, args.sim, noise, push, cores=cores, **more)
+    return env.FootstepWorld(count, args.sim, push=push, cores=cores, **more)
 
 
 # ------------------------------------------------------------------------ all rows of the table
-def walk_row(args, planner, noise, trials):
-    """A planner's trials in a world of their own, with noise or without it; see `evaluate`."""
-    with closing(make_world(args, len(trials.goals), args.push, noise=noise)) as world:
-        return evaluate(planner, world, trials)
+def walk_rows(args, jobs):
+    """Trials by row, all in one world; jobs: planner and Trials by row, (planner, noise, σ). A line
+    is printed as each is done; see `evaluate`."""
+    results, count = {}, len([*jobs.values()][0][1].goals)
+    with closing(make_world(args, count, args.push)) as world:
+        for row, (planner, trials) in jobs.items():
+            _, world.noise, _ = row
+            results[row] = evaluate(planner, world, trials)
+            report(row, results[row])
+    return results
+
+
+def report(row, trials):
+    """Prints what became of a row's trials."""
+    name, noise, std = row
+    goals, noise = kind_of({"goal_std_m": std, "noise": noise})
+    success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
+    said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
+    print(f"{said}, {time:.2f} s a walk", flush=True)
 
 
 def silence():
-    """A helper prints nothing: the notes of its worlds are printed once already."""
+    """A helper prints nothing: the notes of its world are printed once already."""
     sys.stdout = sys.stderr = open(os.devnull, "w")
 
 
@@ -768,34 +783,33 @@ def evaluate_all(args, blocks, planners, helpers=0):
     (planner, noise, σ). So many helpers, other processes, share the work; the user's own planners
     walk in this process.
 
-    blocks: Trials by the σ of their goals [m]; None: goals of the user's own.
+    blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
     """
-    jobs = {  # what `walk_row` needs, by row in the order of the table
-        (name, noise, std): (args, planner, noise, trials)
+    jobs = {  # by row in the order of the table
+        (name, noise, std): (planner, trials)
         for std, trials in blocks.items()
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
     ours = [row for row in jobs if type(planners[row[0]]) in (PolicyPlanner, BaselinePlanner)]
-    shared = [row for k, row in enumerate(ours) if k % (1 + helpers)]  # what helpers walk
-    here, results = [row for row in jobs if row not in shared], {}
+    every = 1 + min(helpers, len(ours) - 1)
+    parts = [{row: jobs[row] for row in ours[k::every]} for k in range(every)]
+    here = {row: job for row, job in jobs.items() if row in parts[0] or row not in ours}
     spawn = multiprocessing.get_context("spawn")  # the same on every system
     pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
-    futures = {row: pool.submit(walk_row, *jobs[row]) for row in shared}
+    futures = [pool.submit(walk_rows, args, part) for part in parts[1:]]
     signal.signal(signal.SIGINT, before)
     try:
-        for row in here + shared:
+        results = walk_rows(args, here)
+        for part, future in zip(parts[1:], futures):
             try:
-                trials = futures[row].result() if row in futures else walk_row(*jobs[row])
+                found = future.result()
+                for row, trials in found.items():
+                    report(row, trials)
             except BrokenExecutor:  # a helper has died: too little memory?
-                trials = walk_row(*jobs[row])
-            results[row] = trials
-            name, noise, std = row
-            goals, noise = kind_of({"goal_std_m": std, "noise": noise})
-            success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
-            said = f"{name}, goals {goals}, noise {noise}: success {success:.3f}"
-            print(f"{said}, {time:.2f} s a walk", flush=True)
+                found = walk_rows(args, part)
+            results |= found
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
         for process in multiprocessing.active_children():

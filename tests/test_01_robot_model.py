@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack, closing
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from itertools import combinations, product
@@ -71,13 +71,6 @@ def planar_mean(bodies, what):
 def pivots_of(space):
     """What holds hip, knee and ankle together; left, then right."""
     return [joint for joint in space.constraints if isinstance(joint, pymunk.PivotJoint)]
-
-
-def some_rows(record, robots):
-    """A plan that nobody has begun, or a Disturbance, of some robots."""
-    values = {field.name: getattr(record, field.name) for field in fields(record)}
-    arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
-    return replace(record, **{name: value[robots] for name, value in arrays.items()})
 
 
 def part(plan, first, last):
@@ -495,7 +488,7 @@ def test_fall_of_a_motion_follows_the_criterion_at_every_tick(make_sim, name):
     assert down.any() and not down.all(1).any(), "the test should see robots up and down"
     equal(motion.fell, down.any(1), "half the standing height, or 45°, at any control tick")
     sim, first = make_sim(name), np.argmax(down.any(1))
-    until = part(some_rows(trajectory, [first]), 0, np.argmax(down[first]) + 1)
+    until = part(robot_model.some_rows(trajectory, [first]), 0, np.argmax(down[first]) + 1)
     pieces = [sim.run([0], piece) for piece in single_ticks(until)]
     fell = [piece.fell[0] for piece in pieces]
     equal(fell, down[first, : len(fell)], "a fall is seen in its very tick, not earlier")
@@ -764,7 +757,9 @@ def test_a_delayed_robot_moves_as_one_whose_targets_come_a_tick_later(make_sim, 
     monkeypatch.setattr(walk_engine.WalkPlan, "feedback", made_up)
     for plan in plans:
         late = np.concatenate([last, plan.joints[:, :-1]], 1) + body.zero
-        both = replace(some_rows(plan, [0, 0]), joints=np.concatenate([plan.joints, late]))
+        both = replace(
+            robot_model.some_rows(plan, [0, 0]), joints=np.concatenate([plan.joints, late])
+        )
         before = added[0, -1].copy()
         added[0] = rng.uniform(-0.05, 0.05, (ticks, 12))
         added[1] = [before, *added[0, :-1]]
@@ -807,7 +802,9 @@ def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
         sim.reset([2, 3, 0, 1], bodies(4, **SPREAD, delay=1))
     want = one.run(np.arange(4), plans[0], pushes)
     for robots in ([2], [3, 1, 0]):
-        got = spread.run(robots, some_rows(plans[0], robots), some_rows(pushes, robots))
+        got = spread.run(
+            robots, robot_model.some_rows(plans[0], robots), robot_model.some_rows(pushes, robots)
+        )
         hint = "are rows, robots, their bodies and what disturbs them matched?"
         assert_same_motion(got, want, slice(None), robots, hint)
     spread.reset([1])
@@ -817,7 +814,7 @@ def test_robots_move_alike_whoever_else_moves_or_is_reset(make_sim, name):
     assert got.torso[1, -1, 0] < want.torso[1, -1, 0] - 0.03, "robot 1 starts at the origin again"
     two = make_sim(name, 2, standing=standing)
     two.reset([0], bodies(1))  # robot 1 never gets one
-    motion = two.run(np.arange(2), some_rows(plans[0], [0, 0]))
+    motion = two.run(np.arange(2), robot_model.some_rows(plans[0], [0, 0]))
     assert_same_motion(motion, motion, 0, 1, "a body like the model is another robot")
 
 
