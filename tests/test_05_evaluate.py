@@ -60,16 +60,17 @@ def test_speed_far_away_is_on_the_edge_of_the_diamond():
             "|v_x| / x_max + |v_y| / y_max = 1: above 1 each axis is limited on its own (a box) or "
             "the limit is round (an ellipse); between the axes it is a straight line. Is backward "
             "taken for forward? Every limit comes from `settings`, not from the default",
+            atol=1e-6,
         )
         turned_by = env.wrap(math.atan2(v_y, v_x) - beta)
-        close(turned_by, 0, "limiting must not change the direction")
+        close(turned_by, 0, "limiting must not change the direction", atol=1e-6)
 
 
 def test_speed_near_the_goal_is_gain_times_distance():
     hint = "v = min(gain·d, v_max): inside the limits the gain decides (for a goal at 3.6 cm)"
-    close(command(0.03, -0.02)[:2], (0.03, -0.02), hint)
+    close(command(0.03, -0.02)[:2], (0.03, -0.02), hint, atol=1e-6)
     half = command(0.03, -0.02, settings=replace(B, gain=0.5))
-    close(half[:2], (0.015, -0.01), hint)
+    close(half[:2], (0.015, -0.01), hint, atol=1e-6)
     assert not command(0, 0).any(), "at the goal there is nothing to do"
 
 
@@ -138,8 +139,8 @@ def test_velocities_become_mirrored_footsteps():
     assert np.shape(steps) == (4, 2, 3), "velocities [n, 3] -> footsteps [n, 2, 3]"
     for i, (want, hint) in enumerate(zip(expected, (ahead, aside, aside, turn))):
         alone = evaluate.velocity_to_footsteps(velocities[i : i + 1], period=0.5)[0]
-        close(alone, want, f"{hint} (for {velocities[i]})")
-        close(steps[i], alone, "robots must not influence one another")
+        close(alone, want, f"{hint} (for {velocities[i]})", atol=1e-6)
+        close(steps[i], alone, "robots must not influence one another", atol=1e-6)
 
 
 def test_a_shared_way_is_split_in_proportion_to_the_limits():
@@ -158,6 +159,7 @@ def test_a_shared_way_is_split_in_proportion_to_the_limits():
         steps,
         [[[0, 0.15, 0.3], [0, -0.04, -0.2]], [[0, -0.02, -0.4], [0, 0.075, 0.6]]],
         "the leading foot takes out / (out + in) outward, the other one the rest inward",
+        atol=1e-6,
     )
 
 
