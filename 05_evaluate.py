@@ -746,8 +746,8 @@ def make_world(args, count, push=0.0, cores=None):
 
 # ------------------------------------------------------------------------ all rows of the table
 def walk_rows(args, jobs):
-    """Trials by row, all in one world; jobs: planner and Trials by row, (planner, noise, σ). A line
-    is printed as each is done; see `evaluate`."""
+    """Walks all rows in one world, and prints a line as each is done. jobs: (planner, Trials) by
+    row, which is (planner's name, noise, σ). Returns what `evaluate` does, by row."""
     results, count = {}, len([*jobs.values()][0][1].goals)
     with closing(make_world(args, count, args.push)) as world:
         for row, (planner, trials) in jobs.items():
@@ -772,9 +772,9 @@ def silence():
 
 
 def evaluate_all(args, blocks, planners, helpers=0):
-    """Every planner in every block of Trials, with --noise once more: trials by row, which is
-    (planner, noise, σ). So many helpers, other processes, share the work; the user's own planners
-    walk in this process.
+    """Evaluates every planner in every block of Trials, with --noise once more. Returns what
+    `evaluate` does, by row: (planner's name, noise, σ). So many helpers, other processes, share the
+    work; the user's own planners walk in this process.
 
     blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
     """
@@ -790,9 +790,11 @@ def evaluate_all(args, blocks, planners, helpers=0):
     here = {row: job for row, job in jobs.items() if row in parts[0] or row not in ours}
     spawn = multiprocessing.get_context("spawn")  # the same on every system
     pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
+    others = multiprocessing.active_children()  # a user's planner may have processes, too
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
     futures = [pool.submit(walk_rows, args, part) for part in parts[1:]]
     signal.signal(signal.SIGINT, before)
+    started = [child for child in multiprocessing.active_children() if child not in others]
     try:
         results = walk_rows(args, here)
         for part, future in zip(parts[1:], futures):
@@ -805,7 +807,7 @@ def evaluate_all(args, blocks, planners, helpers=0):
             results |= found
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
+        for process in started:
             process.terminate()
     return {row: results[row] for row in jobs}
 

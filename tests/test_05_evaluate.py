@@ -4,6 +4,7 @@ import argparse
 import itertools
 import json
 import math
+import multiprocessing
 import os
 import re
 import signal
@@ -760,17 +761,22 @@ def same_results(found, want):
 
 def test_helpers_change_no_number_and_a_user_s_planner_walks_in_this_process(planners, capfd):
     want = evaluate.evaluate_all(flags(), NEAR, planners)
-    here = []
+    here, worker = [], multiprocessing.get_context("spawn").Process(target=time.sleep, args=(60,))
 
     class Mine(Recorder):
         def reset(self, num_robots):
             here.append(os.getpid())
             super().reset(num_robots)
 
+    worker.start()
+
     capfd.readouterr()
     found = evaluate.evaluate_all(flags(), NEAR, planners | {"mine": Mine()}, helpers=1)
     same_results(found, want)
     assert here == [os.getpid()] * 2
+    worker.join(0.5)
+    assert worker.is_alive(), "a process that a user's planner started is not ours to end"
+    worker.kill()
     lines, errors = capfd.readouterr()
     assert errors == "" and len(lines.splitlines()) == 6, "a line for a row, and nothing else"
     assert lines.splitlines()[0].startswith("policy, goals own, noise no: success "), "it is first"
