@@ -509,6 +509,7 @@ def main():
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    print(len(leans), "robots lean forward: some seconds", flush=True)
     sim = make_sim(args.sim, len(leans), standing)
     motion = sim.run(np.arange(len(leans)), Trajectory(joints, np.zeros_like(joints[..., :6])))
     sim.close()
@@ -1119,8 +1120,9 @@ def draw_ground(axes, camera, size=2):
     axes.axis("off")
 
 
-def draw_way(axes, robot, goal, feet, camera):
-    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
+def draw_way(axes, robot, goal, feet, camera, chosen=()):
+    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles);
+    bright, with an outline: footsteps [k, 2, 3] that are chosen and not taken yet.
 
     The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
     the prints.
@@ -1130,14 +1132,14 @@ def draw_way(axes, robot, goal, feet, camera):
     x = np.repeat([robot.foot_front, -robot.foot_back], 2)
     y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
 
-    def fill(pose, outline, color, alpha):
+    def fill(pose, outline, face, alpha, edge="none"):
         points = pose[:2] + turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
+        axes.fill(*(camera[1:, :2] @ points.T), fc=face, alpha=alpha, ec=edge, lw=2, zorder=0.5)
 
-    for poses in feet:
+    for k, poses in enumerate([*feet, *chosen]):
         for pose, outward, color in zip(poses, (1, -1), COLORS):
             sole = np.column_stack([x, y + outward * robot.foot_outward])  # [4, 2] [m]
-            fill(pose, sole, color, 0.35)
+            fill(pose, sole, *((color, 0.35) if k < len(feet) else ("yellow", 1, color)))
     fill(goal, disc, "tab:green", 0.9)
 
 
@@ -1251,9 +1253,12 @@ def write_text(path, text):
 
 
 def save_figure(figure, path):
-    """Writes the figure, and frees its memory."""
+    """Writes the figure, and frees its memory. In a notebook the file is shown, too."""
     atomic_write(path, lambda file: figure.savefig(file, dpi=110))
     plt.close(figure)
+    ipython = sys.modules.get("IPython")  # nobody has imported it: this is no notebook
+    if ipython and hasattr(ipython.get_ipython(), "kernel"):
+        ipython.display.display(ipython.display.Image(filename=path))
 
 
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}

@@ -17,8 +17,8 @@ is random here: `--seed` changes nothing.)
 Then three times twelve robots are pushed forward during a walk, each of the twelve at another
 moment of the double step: in open loop; with the reflex; with the reflex, capture steps and waiting
 (`capture`, `wait`). Guess first: how many of each fall, in 3-D and on the plane? (Answers:
-`tests/exercises/predict.md`, capture. Pushed ahead, hardly a robot waits.) A push of 0.8 m/s is a force for 50 ms that would give the torso alone
-this speed, the whole robot 0.57 of it.
+`tests/exercises/predict.md`, capture. Pushed ahead, hardly a robot waits.) A push of 0.8 m/s is a
+force for 50 ms that would give the torso alone this speed, the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. Its zero is the swing foot's usual place: beside the other foot, at

@@ -40,6 +40,7 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
@@ -558,14 +559,14 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ a picture
-def draw_scene(axes, robot, goal, feet, torso, joints):
-    """A robot on its way to a goal [3]: footprints [K, 2, 3], torso [6], joints [12]. Returns the
-    camera. What was drawn before goes.
+def draw_scene(axes, robot, goal, feet, torso, joints, chosen=()):
+    """A robot on its way to a goal [3]: footprints [K, 2, 3], torso [6], joints [12], and footsteps
+    [k, 2, 3] that are chosen. Returns the camera. What was drawn before goes.
     """
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
-    robot_model.draw_way(axes, robot, goal, feet, camera)
+    robot_model.draw_way(axes, robot, goal, feet, camera, chosen)
     robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
     return camera
 
@@ -780,7 +781,8 @@ def main():
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
-        infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in range(steps)]
+        bar = tqdm(range(steps), name, unit=" double steps", leave=False)
+        infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
         print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
         paid = {

@@ -5,7 +5,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
-    python 05_evaluate.py --gif            also a film: a race against baseline_tuned
+    python 05_evaluate.py --gif            also a film: three goals, and a push on the way
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
@@ -55,7 +55,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FuncAnimation
+from PIL import Image
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
@@ -69,6 +70,7 @@ PAPER = {  # Table II by (planner, noise): success | timeout | fall | success ti
     ("baseline", True): "0.910 | 0.078 | 0.012 | 11.43 ± 5.11",
 }
 FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
+FILM_GOALS = np.array([[0.9, 0.5, 1.6], [-0.3, 0.35, 3.0], [0.55, -0.25, 0.0]])  # the same
 
 
 # ------------------------------------------------------------------------ the baseline
@@ -259,14 +261,20 @@ def evaluate(planner, world, trials, watch=None):
     }
 
 
-def double_step(planner, world, robots, disturb=None):
+def double_step(planner, world, robots, push=(0, 0)):
     """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
-    file, if its actions are not [n, 6] in [0, 1].
+    file, if its actions are not [n, 6] in [0, 1]. push: of the torsos, as the double step begins,
+    [m/s] along the world's x, y; on the plane ahead.
     """
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
     actions = env.checked(name, planner.act(world.look(robots)), len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1")
+    force = env.walk_engine.push_force(world.engine.robot, np.array(push))  # [2] [N]
+
+    def disturb(disturbance, robots):
+        disturbance.push[:, : env.walk_engine.PUSH_TICKS] += force
+
     return world.step(actions, robots, disturb)
 
 
@@ -369,35 +377,74 @@ def plot_footsteps(robot, columns, path):
     robot_model.save_figure(figure, path)
 
 
-def plot_race(robot, walks, path, every=10, more=lambda axes: None):
-    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
-    is drawn every so many ticks; more(axes) may add to it.
+def pictures(axes, world, feet, motion, push):
+    """Draws what the only robot has just done, and yields the time [s] of every picture, one for
+    eight ticks. Yellow: the footsteps that were chosen, from where the right foot stood. feet: a
+    list of earlier ones [2, 3]; those at the beginning are added. push [2]: see `double_step`.
+    (The planar robot cannot spread its legs: its left foot lands to the right of its mark.)
     """
-    last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
-    ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
-    seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
-    # A margin [m] for the robot, which is 0.8 m tall
-    (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
-    width = min(7, 10.5 / len(walks))  # [inch] of a panel
-    size = width * len(walks), width * (high - low) / (right - left) + 0.6
-    figure, axes = plt.subplots(1, len(walks), figsize=size, squeeze=False)
+    engine = world.engine
+    began = world.ticks[0] - motion.ticks[0]
+    feet += [*robot_model.foot_poses(engine.robot, motion.torso[:, 0], motion.joints[:, 0])]
+    steps = env.to_footsteps(world.actions[:1, 0], world.limits)
+    chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
+    for tick in range(0, motion.ticks[0], 8):
+        torso, joints = motion.torso[0, tick], motion.joints[0, tick]
+        camera = env.draw_scene(
+            axes, engine.robot, world.goal[0], feet[-20:], torso, joints, chosen
+        )
+        if any(push) and tick < 32:  # it lasts for 5 ticks, which nobody would see
+            tip, speed = torso[:3] + [0, 0, 0.15], math.hypot(*push)
+            way = robot_model.turned(push, torso[5] * engine.planar)
+            tail = tip - [*(0.5 / speed * way), 0]
+            style = {"color": "tab:red", "arrowprops": {"color": "tab:red"}, "ha": "center"}
+            axes.annotate(f"push: {speed:.1f} m/s", camera[1:] @ tip, camera[1:] @ tail, **style)
+        yield (began + tick) * engine.robot.control_dt
 
-    def draw(tick):
-        for panel, (name, walk) in zip(axes[0], walks.items()):
-            now = min(tick, len(walk["torso"]) - 1)
-            feet = walk["feet"][walk["ends"] <= now + 1]
-            title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
-            torso, joints = walk["torso"][now], walk["joints"][now]
-            env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
-            panel.set_title(f"{name}\n{title}", parse_math=False)
-            more(panel)
-            panel.axis([left, right, low, high])
 
-    # The last picture is repeated. So many a second: twice the robot's speed
-    film = FuncAnimation(figure, draw, [*range(0, last, every), *[last + every] * 30])
-    rate = 2 / (every * robot.control_dt)
-    robot_model.atomic_write(path, lambda file: film.save(file, "pillow", rate, dpi=75))
+def plot_tour(world, planner, speed, path):
+    """A film in real time: the robot walks to FILM_GOALS, one after the other. On the way to the
+    second one it is pushed at this speed [m/s]. The film ends early if the robot falls.
+    """
+    figure, axes = plt.subplots(figsize=(8, 4))
+    # To the right in the picture; on the plane ahead
+    push = robot_model.turned([speed, 0], np.pi / 6 * (not world.engine.planar))
+
+    def walk():
+        world.reset([0], [env.stream("evaluation", 0, 0)])
+        planner.reset(1)
+        feet = []
+        for k, goal in enumerate(FILM_GOALS, 1):
+            world.set_goal([0], goal)
+            for step in itertools.count():
+                pushed = push * (k == 2 and step == 2)
+                result = double_step(planner, world, np.array([0]), pushed)
+                for seconds in pictures(axes, world, feet, result["motion"], pushed):
+                    title = f"Goal {k} of {len(FILM_GOALS)}, {seconds:.1f} s."
+                    axes.set_title(f"{title} Yellow: the two footsteps just chosen")
+                    axes.axis([-0.8, 1.6, -0.32, 0.95])
+                    yield
+                if result["fall"][0] or result["timeout"][0]:
+                    return
+                if result["success"][0]:
+                    break
+
+    save_film(figure, walk(), path, 0.08)
+
+
+def save_film(figure, pictures, path, seconds):
+    """A film of what the figure shows after each of the pictures, so long; the last one stays."""
+    frames = []
+    for _ in tqdm(pictures, unit=" pictures", leave=False):
+        figure.canvas.draw()
+        frames.append(np.array(figure.canvas.buffer_rgba())[..., :3])
     plt.close(figure)
+    # All frames share 256 colours: so what stands still is stored once.
+    colors = Image.fromarray(np.concatenate(frames[::4])).quantize(method=Image.Quantize.FASTOCTREE)
+    first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]
+    film = {"save_all": True, "append_images": others, "loop": 0}
+    film["duration"] = [*[1000 * seconds] * len(others), 2000]  # [ms]
+    robot_model.atomic_write(path, lambda file: first.save(file, **film))
 
 
 # ------------------------------------------------------------------------ to play with
@@ -448,10 +495,6 @@ def play(world, planners, speed):
             world.set_goal(robots, goal)
             clock, arrived = 0, False
 
-    def disturb(disturbance, robots):
-        force = env.walk_engine.push_force(engine.robot, speed)  # [N]
-        disturbance.push[0, : env.walk_engine.PUSH_TICKS] = force * push
-
     connect = figure.canvas.mpl_connect
     connect("button_press_event", press)
     connect("button_release_event", release)
@@ -462,7 +505,7 @@ def play(world, planners, speed):
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=goal[None])
-            feet = np.zeros((0, 2, 3))
+            feet = []
             clock, arrived = 0, False  # [s] since the goal was set
         if "p" in keys:
             name = next(names)
@@ -471,10 +514,10 @@ def play(world, planners, speed):
         reflex ^= "r" in keys  # switched on or off
         engine.parameters = walk if reflex else replace(walk, reflex=0.0)
         angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
-        push = robot_model.turned([1, 0], angle) * (" " in keys)  # its direction, 0: none
-        result = double_step(planners[name], world, robots, disturb)
+        push = robot_model.turned([speed, 0], angle) * (" " in keys)  # 0: none
+        result = double_step(planners[name], world, robots, push)
         keys.clear()
-        motion, fell = result["motion"], result["fall"][0]
+        fell = result["fall"][0]
         pushes += push.any()
         falls += fell
         arrived |= result["success"][0]
@@ -483,16 +526,10 @@ def play(world, planners, speed):
             f"{name}, reflex {'on' if reflex else 'off'}: "
             f"{'arrived after ' if arrived else ''}{clock:.1f} s\n{pushes} pushes, {falls} falls"
         )
-        for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
-            env.draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints)
+        for _ in pictures(axes, world, feet, result["motion"], push):
             axes.set_title(title, parse_math=False)
-            if push.any():
-                start = torso[:3] - [*(0.4 * push), 0]
-                axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
-            plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
-        landed = robot_model.foot_poses(engine.robot, world.torso, world.joints)
-        feet = np.concatenate([feet, landed])
+            plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
 
 
 # ------------------------------------------------------------------------ tables
@@ -838,7 +875,11 @@ def main(argv=None):
         default=[],
         help="Evaluate the class Planner of these files, too.",
     )
-    add("--gif", action="store_true", help="Draw a film of a race, too (a minute).")
+    add(
+        "--gif",
+        action="store_true",
+        help="Draw a film of a walk to three goals of ours, too (a minute).",
+    )
     add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
     args = parser.parse_args(argv)
     if not 1 <= args.episodes <= MOST:
@@ -889,8 +930,7 @@ def main(argv=None):
         walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
-            race = {name: own[-1] for name, own in walks.items()}
-            plot_race(world.engine.robot, race, out / "animation.gif")
+            plot_tour(world, planners[shown], args.push or 0.8, out / "animation.gif")
     film = " and animation.gif" * args.gif
     print(
         f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"

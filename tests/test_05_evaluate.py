@@ -836,8 +836,9 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
 
 
 @pytest.mark.slow
-def test_gif_is_a_race_at_twice_its_speed(short_trials):
+def test_film_is_a_walk_in_real_time(short_trials, capfd):
     call("--gif", "--episodes", 1)
+    assert " pictures/s]" in capfd.readouterr().err, "a bar"
     with PIL.Image.open("out/animation.gif") as film:
         frames, seconds = zip(*[
             (np.array(picture.convert("RGB"), np.int16), picture.info["duration"] / 1000)
@@ -846,8 +847,89 @@ def test_gif_is_a_race_at_twice_its_speed(short_trials):
     changed = (np.abs(np.diff(frames, axis=0)).max(-1) > 60).mean((1, 2))
     (moved,) = np.nonzero(changed > 0.001)  # less is dithering
     walk = sum(seconds[: moved[-1] + 1])
-    close(walk, 1.5 * PERIOD, "three double steps, twice as fast", atol=0.15)
+    close(walk, 3 * PERIOD, "three double steps", atol=0.15)
     assert sum(seconds) > walk + 1, "the end stays for a while"
+
+
+def test_the_film_goes_to_three_goals_and_shows_one_push(tmp_path, monkeypatch):
+    """What is drawn is left out; the time of every picture is in its title."""
+    titles, pushed, goals, save = [], [], [], []
+
+    def step(planner, world, robots, push):
+        goals.append(world.goal[0].tolist())
+        pushed.append(math.hypot(*push))
+        arrived = np.array([len(pushed) % 4 == 0])  # after four double steps at every goal
+        return double_step(planner, world, robots, push) | {"success": arrived}
+
+    def watched(figure, pictures, path, seconds):
+        save.append(seconds)
+        titles.extend(figure.axes[0].get_title() for _ in pictures)
+
+    double_step = evaluate.double_step
+    monkeypatch.setattr(evaluate, "double_step", step)
+    monkeypatch.setattr(evaluate, "save_film", watched)
+    monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
+    with closing(env.FootstepWorld(1, cores=1)) as world:
+        evaluate.plot_tour(world, Recorder(), 0.1, tmp_path / "film.gif")
+    equal(goals, np.repeat(evaluate.FILM_GOALS, 4, axis=0), "one after the other")
+    close(pushed, np.eye(12)[6] * 0.1, "once, on the way to the second one")
+    times = [float(re.search(r"(\d+\.\d) s", title)[1]) for title in titles]
+    close(np.diff(times), save[0], "a picture is shown as long as its walk took", atol=0.11)
+    close(times[-1], 12 * PERIOD, "no time is lost", atol=0.11)
+
+
+@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+def test_a_picture_shows_the_chosen_footsteps_before_they_are_taken(sim):
+    figure, axes = evaluate.plt.subplots()
+    ahead, camera, feet = np.tile([0.06, 0.02, 0.1], (1, 2, 1)), robot_model.camera_at(), []
+
+    class Ahead(Recorder):
+        def act(self, view):
+            return env.to_action(ahead, view.limits)
+
+    with closing(env.FootstepWorld(1, sim, cores=1)) as world:
+        for _ in range(3):
+            result = evaluate.double_step(Ahead(), world, np.array([0]), [0.1, 0])
+            for _ in evaluate.pictures(axes, world, feet, result["motion"], [0.1, 0]):
+                bright = [p for p in axes.patches if p.get_facecolor() == (1, 1, 0, 1)]
+                assert len(bright) == 2, "left and right"
+        robot = world.engine.robot
+        landed = robot_model.foot_poses(robot, world.torso, world.joints)[0]
+        feet_of_marks = [*zip(bright, landed, (1, -1))]
+        # The planar robot's legs cannot spread: its left foot lands nearer to the right one.
+        for patch, pose, side in feet_of_marks[sim == "pymunk" :]:
+            middle = [(robot.foot_front - robot.foot_back) / 2, side * robot.foot_outward]
+            want = camera[1:, :2] @ (pose[:2] + robot_model.turned(middle, pose[2]))
+            close(patch.get_xy()[:4].mean(0), want, "there the foot lands", atol=0.02)
+    assert len(feet) == 3, "where the feet stood before each double step"
+    evaluate.plt.close(figure)
+
+
+@pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+def test_a_push_and_its_arrow_have_one_direction(sim):
+    """Of a robot that stands turned by 90°: on the plane it is pushed ahead, in 3-D along x."""
+    figure, axes = evaluate.plt.subplots()
+    pushes, robots, recorder = [], np.array([0]), Recorder()
+    recorder.reset(1)
+    with closing(env.FootstepWorld(1, sim, cores=1)) as world:
+        run = world.simulator.run
+
+        def watched(robots, plan, disturbance):
+            pushes.append(disturbance.push[0].copy())
+            return run(robots, plan, disturbance)
+
+        world.simulator.run = watched
+        motion = evaluate.double_step(recorder, world, robots, [0.2, 0])["motion"]
+        motion.torso[..., 5] = np.pi / 2  # as if it were turned
+        next(evaluate.pictures(axes, world, [], motion, [0.2, 0]))
+    force = env.walk_engine.push_force(world.engine.robot, 0.2)
+    close(pushes[0].sum(0), [5 * force, 0], "for five ticks")
+    (arrow,) = axes.texts
+    assert arrow.get_text() == "push: 0.2 m/s"
+    way = np.subtract(arrow.xy, arrow.xyann)
+    want = robot_model.camera_at()[1:, :2] @ ([0, 0.5] if sim == "pymunk" else [0.5, 0])
+    close(way, want, "the arrow points where it is pushed", atol=1e-6)
+    evaluate.plt.close(figure)
 
 
 def test_the_robot_does_what_mouse_and_keys_say(short_trials, monkeypatch):
@@ -895,8 +977,8 @@ def test_the_robot_does_what_mouse_and_keys_say(short_trials, monkeypatch):
     told = story()
     monkeypatch.setattr(world.simulator, "run", watched)
     monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
-    # seven pictures for a double step
-    monkeypatch.setattr(evaluate.plt, "pause", lambda _: next(pictures) % 7 or next(told))
+    # eight pictures for a double step
+    monkeypatch.setattr(evaluate.plt, "pause", lambda _: next(pictures) % 8 or next(told))
     evaluate.play(world, {"one": Recorder(), "two": Recorder()}, 1e-9)
     assert not evaluate.plt.fignum_exists(figure.number), "the story did not come to its end"
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from tqdm import tqdm
 
@@ -240,6 +241,35 @@ def together(parts):
 def row_of(ended, name, far=False, **more):
     """A row of stage 5's table, walked with noise, with more values before it."""
     return {**more, **evaluate.summary(name, True, STD[far], ended, env.Task())}
+
+
+def plot_race(robot, walks, path, every=10, more=lambda axes: None):
+    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
+    is drawn every so many ticks; more(axes) may add to it.
+    """
+    last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
+    ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
+    seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
+    # A margin [m] for the robot, which is 0.8 m tall
+    (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
+    width = min(5.3, 8 / len(walks))  # [inch] of a panel
+    size = width * len(walks), width * (high - low) / (right - left) + 0.6
+    figure, axes = plt.subplots(1, len(walks), figsize=size, squeeze=False)
+
+    def pictures():
+        for tick in [*range(0, last, every), last + every]:
+            for panel, (name, walk) in zip(axes[0], walks.items()):
+                now = min(tick, len(walk["torso"]) - 1)
+                feet = walk["feet"][walk["ends"] <= now + 1]
+                title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
+                torso, joints = walk["torso"][now], walk["joints"][now]
+                env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
+                panel.set_title(f"{name}\n{title}", parse_math=False)
+                more(panel)
+                panel.axis([left, right, low, high])
+            yield
+
+    evaluate.save_film(figure, pictures(), path, every * robot.control_dt / 2)
 
 
 def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):

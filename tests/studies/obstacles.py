@@ -219,7 +219,7 @@ def study_film(args):
     """The walk through the first field, obstacles.gif beside the table."""
     field, walk = next(recorded(args.sim, SHOWN))
     camera = robot_model.camera_at()
-    evaluate.plot_race(
+    common.plot_race(
         robot_model.RobotModel(),
         {"policy": walk},
         args.out / "obstacles.gif",

@@ -127,7 +127,7 @@ def study_film(args):
         for title, file in FILM.items():
             planner = common.policy(RESULTS / args.sim / file, args.sim)
             walks[title] = next(evaluate.record(planner, world, trials))
-    evaluate.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
+    common.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
     return {title: walk["ending"] for title, walk in walks.items()}
 
 
