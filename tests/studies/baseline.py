@@ -221,12 +221,12 @@ def found(data):
     (by_hand,) = pick(parts["expert"]["finalists"], chosen=True)
     times, falls = (values(parts["policy"]["rows"], key) for key in ("time", "fall"))
     return {
-        "tuned": f"In 3-D `baseline_tuned` needs {tuned['time']:.1f} s for near and far goals "
-        f"together, the paper's settings {parts['paper']['time']:.1f} s.",
-        "expert": f"`expert` needs {by_hand['time']:.2f} s and falls in "
-        f"{share(by_hand['fall'], 2)}; on the same goals the trainings of the policy need "
-        f"{min(times):.2f} to {max(times):.2f} s and fall in {share(min(falls), 2)} to "
-        f"{share(max(falls), 2)}.",
+        "tuned": "In 3-D, near and far goals together, the paper's controller takes "
+        f"{parts['paper']['time']:.1f} s on average, and `baseline_tuned` {tuned['time']:.1f} s.",
+        "expert": f"`expert` takes {by_hand['time']:.2f} s; the robot falls in "
+        f"{share(by_hand['fall'], 2)} of the {parts['expert']['trials']:,} walks. On the same goals "
+        f"the policies of {len(times)} trainings take {min(times):.2f} to {max(times):.2f} s. With "
+        f"them the robot falls in {share(min(falls), 2)} to {share(max(falls), 2)} of the walks.",
     }
 
 

@@ -186,7 +186,7 @@ def study_speed(args):
             alone = weights
         rows.append(
             {
-                "training": f"actors: {actors}" if actors else "stage 04 alone",
+                "training": f"{actors} actor{'s' * (actors > 1)}" if actors else "stage 4 alone",
                 "double_steps_per_second": SHORT / seconds,
                 "equal": ppo.torch.equal(weights, alone),
             }
@@ -206,12 +206,12 @@ def table(found, sim):
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
     rows = data["mujoco"]["speed"]["rows"]
-    told = (f"{row['double_steps_per_second']:.0f} ({row['training']})" for row in rows)
+    told = (f"{row['training']} {row['double_steps_per_second']:.0f}" for row in rows)
     equal = all(common.values(rows, "equal"))
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
-        f"stage 04 alone, bit for bit.",
-        "speed": f"Double steps per second in 3-D, on one machine: {', '.join(told)}.",
+        f"stage 4 alone, bit for bit.",
+        "speed": f"Double steps per second in 3-D on one machine: {', '.join(told)}.",
     }
 
 

@@ -241,14 +241,17 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     walks = data["mujoco"]["walks"]
     around, straight, tuned, _ = walks["rows"]  # with discs, without them; the same for the tuned
+    count = walks["fields"]
+    touches = [evaluate.wilson(row["touches"] * count, count) for row in (around, tuned)]
     return {
-        "discs": f"In {walks['fields']} fields of discs the policy arrives in "
-        f"{share(around['success'], 1)} of the walks, and touches a disc in "
-        f"{share(around['touches'], 1)}; `baseline_tuned` in "
-        f"{share(tuned['success'], 1)} and {share(tuned['touches'], 1)}.",
-        "time": f"The policy needs {around['time_over_way']:.2f} times what the shortest detour "
-        f"would take at {SPEED} m/s, and {straight['time_over_way']:.2f} times that of the straight "
-        "way without discs.",
+        "discs": f"Each planner walks through {count} fields of discs. With the policy the robot "
+        f"arrives in {share(around['success'], 1)} of them and touches a disc in "
+        f"{share(around['touches'], 1)}. With `baseline_tuned` it arrives in "
+        f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. The 95 % "
+        f"intervals of both differences {common.overlap(*touches)}.",
+        "time": f"The policy takes {around['time_over_way']:.2f} times as long as the shortest path "
+        f"around the discs would take at {SPEED} m/s. Without discs it takes "
+        f"{straight['time_over_way']:.2f} times as long as the straight path would.",
     }
 
 

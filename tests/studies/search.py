@@ -197,7 +197,7 @@ def study(args):
             for change in CHANGES:
                 facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **facts})
-    # It aims at the rim of the tolerance; how long it stays there does not count here.
+    # The planner aims at the edge of the tolerance; leaving it again costs nothing here.
     best = min(tried, key=lambda row: baseline.cost(row, {"still_there": 0.0}))
     known = *maps[best["factor"]], best["change"]
     write_map(args.out.parent / "search.npz", args.sim, best["factor"], known)
@@ -218,8 +218,9 @@ def found(data):
     rows = common.read_json(common.RESULTS / "mujoco" / "evaluation.json")["rows"]
     near, far = common.values(rows, "time_mean", planner="search", noise=True)
     return {
-        "times": f"In 3-D search needs {near:.1f} s to near and {far:.1f} s to far goals. It aims "
-        "at the rim of the tolerance, so it often leaves it again."
+        "times": f"In 3-D `search` takes {near:.1f} s to near goals and {far:.1f} s to far ones. It "
+        "leads the robot only to the edge of the tolerance. Two double steps later the robot is "
+        "often outside again."
     }
 
 

@@ -256,42 +256,55 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     parts = "distances", "pooled", "seeds", "estimate"
     distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
-    names = "policy", "expert", "baseline_tuned"
-    times, falls = (
+    names = "policy", "baseline_tuned", "expert"
+    times, falls, intervals = (
         [values(distances["rows"], key, planner=name) for name in names]
-        for key in ("time_mean", "fall")
+        for key in ("time_mean", "fall", "fall_ci95")
     )
     first = np.sum(np.argmin(times, 0) == 0)
-    policy, by_hand, tuned = np.array(times)[:, -1]
+    policy, tuned, by_hand = np.array(times)[:, -1]
     near, far, pushed = pooled["rows"]
     (exact,) = pick(distances["rows"], planner=EXACT, distance=2.0)
     (noisy,) = pick(distances["rows"], planner="policy", distance=2.0)
     rows = trained["rows"]
     ratios = values(rows, "over_expert", planner="policy", push=0.0)
+
+    def compared(push):
+        ours, theirs = ({"planner": name, "push": push} for name in ("policy", "expert"))
+        same = common.overlap(*(common.fall_interval(rows, **who) for who in (ours, theirs)))
+        return (
+            f"in {fallen(rows, **ours)} walks, with `expert` in {fallen(rows, **theirs)} (the 95 % "
+            f"intervals {same})"
+        )
+
     ours, simple = (
         [row[f"{axis}_ratio"] for row in pick(estimate["rows"], filter=name) for axis in AXES]
         for name in FILTERS
     )
     return {
-        "distances": f"The policy is the fastest of the three at {first} of {len(times[0])} "
-        f"distances. At 6 m it needs {policy:.1f} s, `expert` {by_hand:.1f} s and "
-        f"`baseline_tuned` {tuned:.1f} s; there they fall in "
-        "{}, {} and {} of the walks.".format(*(share(own[-1], 1) for own in falls)),
-        "causes": f"At 2 m the step limits alone would allow {exact['least']:.1f} s; without noise "
-        f"the policy needs {exact['time_mean']:.1f} s (the body does not bear all largest steps at "
-        f"once, and it has to start and stop), with noise {noisy['time_mean']:.1f} s.",
-        "pooled": f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones "
-        f"the policy fell {near['falls']} and {far['falls']} times; pushed by 0.4 m/s every 3 s on "
-        f"the way to the far ones, in {share(pushed['fall'], 1)} of the walks.",
-        "trainings": f"All {len(ratios) // 2} trainings need {min(ratios):.2f} to {max(ratios):.2f} of "
-        "the time of `expert`.",
-        "safety": f"All trainings together fell in {fallen(rows, planner='policy', push=0.0)} walks, "
-        f"`expert` in {fallen(rows, planner='expert', push=0.0)}; pushed by 0.4 m/s, in "
-        f"{fallen(rows, planner='policy', push=0.4)} and in "
-        f"{fallen(rows, planner='expert', push=0.4)}.",
-        "estimate": f"The error of the estimate is {min(ours):.2f} to {max(ours):.2f} of what the "
-        f"filter takes it to be, at every distance; with independent errors and a smaller drift it "
-        f"is {min(simple):.2f} to {max(simple):.2f}.",
+        "distances": f"Of the three planners the policy is the fastest at {first} of "
+        f"{len(times[0])} distances. At 6 m the policy takes {policy:.1f} s, `baseline_tuned` "
+        f"{tuned:.1f} s and `expert` {by_hand:.1f} s. With them the robot falls in "
+        "{}, {} and {} ".format(*(share(own[-1], 1) for own in falls))
+        + f"of {distances['goals']} walks each; the 95 % intervals of these shares "
+        f"{common.overlap(*(own[-1] for own in intervals))}.",
+        "causes": f"To goals at 2 m the step limits alone would allow {exact['least']:.1f} s on "
+        f"average. The policy takes {exact['time_mean']:.1f} s without noise and "
+        f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot take "
+        "its largest steps in x, y and yaw at the same time.",
+        "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} walks to "
+        f"near goals and in {far['falls']} of {pooled['goals']:,} to far ones. When it was pushed by "
+        f"0.4 m/s, every 3 s on average, it fell in {share(pushed['fall'], 1)} of "
+        f"{pooled['goals']:,} far walks.",
+        "trainings": f"The policies of all {len(ratios) // 2} trainings take "
+        f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert`.",
+        "safety": f"With the policies of all {len(ratios) // 2} trainings the robot fell "
+        f"{compared(0.0)}. With pushes of 0.4 m/s on the way to far goals it fell with these "
+        f"policies {compared(0.4)}.",
+        "estimate": f"At every distance the true error of the estimate is {min(ours):.2f} to "
+        f"{max(ours):.2f} times the error that the filter claims. A filter that expects independent "
+        f"errors and a smaller drift claims too little: there the true error is {min(simple):.2f} "
+        f"to {max(simple):.2f} times the claimed one.",
     }
 
 

@@ -329,9 +329,9 @@ def table(found, sim):
     falls = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
     clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
     return (
-        f"{falls}\nOf {RANDOM} random plans within the limits {100 * found['stood']:.1f} % "
-        f"stand. Their feet: clearance {clearance:.1f} mm (median) and {lowest:.1f} mm (5 %), "
-        f"slip of the support foot {slip:.1f} mm.\n"
+        f"{falls}\nRobots that walk a random plan within the limits without a fall: "
+        f"{100 * found['stood']:.1f} % of {RANDOM:,}. Clearance of the feet: {clearance:.1f} mm "
+        f"(median), {lowest:.1f} mm (5 %). Slip of the support foot: {slip:.1f} mm.\n"
     )
 
 
@@ -379,9 +379,11 @@ def found(data):
     limits = data["mujoco"]["limits"]
     median, lowest = (1000 * height for height in limits["clearance"])  # [mm]
     return {
-        "random": f"In 3-D {share(limits['stood'], 1)} of 1,000 random plans within the limits stand.",
-        "clearance": f"The swinging foot clears the floor by {median:.1f} mm in the median. The "
-        f"5th percentile is {lowest:.1f} mm: it drags in some steps.".replace("-", "−"),
+        "random": f"In 3-D {share(limits['stood'], 1)} of {RANDOM:,} robots walk a random plan within "
+        "the step limits without a fall.",
+        "clearance": "In the middle of its swing the lowest corner of a foot is "
+        f"{median:.1f} mm above the floor (median). The 5th percentile is {lowest:.1f} mm: in some "
+        "steps the foot drags.".replace("-", "−"),
     }
 
 
