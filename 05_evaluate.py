@@ -588,13 +588,14 @@ def table(rows, ratios):
         )
     if once:
         parts.append(
-            "By the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
+            "By the paper's rule: at the goal once. The paper's numbers are of another simulator:\n\n"
             + markdown("noise | planner | source | success | timeout | fall | time [s]", once)
         )
     if pairs:
         head = "goals | noise | other | ratio [95 %] | median | faster, slower | common goals"
         parts.append(
-            "Mean success time of `policy` ÷ that of another planner, over goals both reached:\n\n"
+            "Mean success time of `policy` ÷ that of the other planner, over the goals that both "
+            "reached.\nMedian: of the ratios goal by goal. Faster, slower: shares of the goals.\n\n"
             + markdown(head, pairs)
         )
     return "\n".join(parts)

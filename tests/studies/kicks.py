@@ -267,9 +267,9 @@ def steps(rows):
         "Capture steps and waiting (`all`) were added to the shipped policy without a new training. "
         f"If nobody pushes, the robot then falls in {calm[0]} of 2,000 near and in {calm[1]} of 2,000 "
         f"far walks. In {len(worlds)} other worlds (other floors, worse sensors, wrong joint zeros) "
-        f"the part of the falls that remains is {' and '.join(ranges)}. The table shows far walks on "
-        "the flat floor. Falls: with the reflex alone → with the answer; `open loop` has no reflex, "
-        "the others have it. Time: that with the answer ÷ that with the reflex alone.\n\n"
+        f"{' and '.join(ranges)} of the falls with the reflex alone remain. The table shows far walks "
+        "on the flat floor. Falls: with the reflex alone → with the answer. (`open loop` has no "
+        "reflex, the others have it.) Time: that with the answer ÷ that with the reflex alone.\n\n"
         + common.table(lines, dict.fromkeys(lines[0], 0))
     )
 

@@ -86,9 +86,9 @@ def found(data):
     theirs = values(data["pymunk"]["sb3"]["rows"], "time_mean")
     both = common.overlap((min(ours), max(ours)), (min(theirs), max(theirs)))
     return {
-        "times": f"On the plane the walks of our three trainings take {np.mean(ours):.1f} s on average "
-        f"({min(ours):.1f} to {max(ours):.1f} s). Those of Stable-Baselines3 take "
-        f"{np.mean(theirs):.1f} s ({min(theirs):.1f} to {max(theirs):.1f} s). The two ranges {both}.",
+        "times": f"On the plane the walks take {np.mean(ours):.1f} s with our three policies "
+        f"({min(ours):.1f} to {max(ours):.1f} s), and {np.mean(theirs):.1f} s with those of "
+        f"Stable-Baselines3 ({min(theirs):.1f} to {max(theirs):.1f} s). The two ranges {both}.",
     }
 
 
