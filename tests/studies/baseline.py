@@ -223,7 +223,7 @@ def found(data):
     return {
         "tuned": "In 3-D, near and far goals together, the paper's controller takes "
         f"{parts['paper']['time']:.1f} s on average, and `baseline_tuned` {tuned['time']:.1f} s.",
-        "expert": f"`expert` takes {by_hand['time']:.2f} s; the robot falls in "
+        "expert": f"`expert` takes {by_hand['time']:.2f} s. With it the robot falls in "
         f"{share(by_hand['fall'], 2)} of the {parts['expert']['trials']:,} walks. On the same goals "
         f"the policies of {len(times)} trainings take {min(times):.2f} to {max(times):.2f} s. With "
         f"them the robot falls in {share(min(falls), 2)} to {share(max(falls), 2)} of the walks.",

@@ -36,7 +36,7 @@ STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near 
 
 
 def arguments(study, argv=None, **flags):
-    """Returns a study's arguments, and prints how long it takes; flags: {name: see `add_argument`}."""
+    """Returns a study's arguments, and prints how long it takes; flags: see `add_argument`."""
     parser = robot_model.stage_parser(study.__doc__)
     for name, flag in flags.items():
         parser.add_argument(f"--{name}", **flag)
@@ -47,21 +47,21 @@ def arguments(study, argv=None, **flags):
 
 
 def main(name, argv=None):
-    """Runs the command line of a study. (Imports it by its name, as its own processes do.)"""
+    """The command line of a study; it is imported by its name, as its own processes do."""
     study = import_module(name)
-    only = {"choices": study.PARTS, "help": "Measure only this part."}
+    only = {"choices": study.PARTS, "help": "measure this part, leave the others"}
     args = arguments(study, argv, only=only)
     for part in [args.only] if args.only else study.PARTS:
         publish(study, part, args)
 
 
 def start(name):
-    """Runs a study as a script."""
+    """What a study does as a script."""
     robot_model.start(lambda: main(name))
 
 
 def publish(study, part, args):
-    """Measures a part of a study, "" if it is the only one, and writes all that is known."""
+    """Measure a part of a study, "" if it is the only one, then write all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if isinstance(numbers, list):
@@ -304,7 +304,7 @@ def paragraphs(*sentences):
 
 
 def findings(found):
-    """Returns what `said` does, in Markdown: three sentences or more as a list, tables behind them."""
+    """Returns what `said` does as Markdown; three parts or more are a list, tables come last."""
     if len(found) < 3:
         return paragraphs("*Found.*", *found.values())
     tables = [part for part in found.values() if "\n\n" in part]

@@ -265,10 +265,10 @@ def steps(rows):
     ranges = (f"{share(min(k))} to {share(max(k))} at {push} m/s" for push, k in left.items())
     return (
         "Capture steps and waiting (`all`) were added to the shipped policy without a new training. "
-        f"If nobody pushes, the robot then falls in {calm[0]} of 2,000 near and in {calm[1]} of 2,000 "
-        f"far walks. In {len(worlds)} other worlds (other floors, worse sensors, wrong joint zeros) "
-        f"{' and '.join(ranges)} of the falls with the reflex alone remain. The table shows far walks "
-        "on the flat floor. Falls: with the reflex alone → with the answer. (`open loop` has no "
+        f"If nobody pushes, the robot then falls in {calm[0]} of 2,000 near and {calm[1]} of 2,000 "
+        f"far walks. With pushes in {len(worlds)} other worlds (other floors, worse sensors, wrong "
+        f"joint zeros) {' and '.join(ranges)} of the falls with the reflex alone remain. The table "
+        "is of far walks with pushes on the flat floor. Falls: with the reflex alone → with the answer. (`open loop` has no "
         "reflex, the others have it.) Time: that with the answer ÷ that with the reflex alone.\n\n"
         + common.table(lines, dict.fromkeys(lines[0], 0))
     )
@@ -295,8 +295,8 @@ def found(data):
         "pushed": "In 3-D, pushed by 0.4 m/s every 3 s on average, the robot falls in "
         f"{falls(pushes, speed=0.4)}.",
         "blocks": f"On blocks of up to 5 mm the robot falls in {falls(blocks, blocks=0.005)}. On "
-        f"blocks of up to 10 mm it falls in {falls(blocks, blocks=0.01)}. The policy was trained on "
-        "a flat floor.",
+        f"blocks of up to 10 mm it falls in {falls(blocks, blocks=0.01)}. The policy was trained "
+        "on a flat floor.",
         "grounds": "On three floors of the trained range the robot falls in "
         f"{counted('μ = 0.4', 'μ = 0.7', 'μ = 1.0')}. Outside of that range (two other floors, and "
         f"masses that differ twice as much) it falls in {counted(*outside)}.",

@@ -247,10 +247,10 @@ def found(data):
         "discs": f"The robot walks through {count} fields of discs. With the policy it "
         f"arrives in {share(around['success'], 1)} of them and touches a disc in "
         f"{share(around['touches'], 1)}. With `baseline_tuned` it arrives in "
-        f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. The 95 % "
-        f"intervals of the two shares of touches {common.overlap(*touches)}.",
-        "time": f"The policy takes {around['time_over_way']:.2f} times as long as the shortest path "
-        f"around the discs would take at {SPEED} m/s. Without discs it takes "
+        f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. The "
+        f"95 % intervals of the two shares of touches {common.overlap(*touches)}.",
+        "time": f"The policy takes {around['time_over_way']:.2f} times as long as the shortest "
+        f"path around the discs would take at {SPEED} m/s. Without discs it takes "
         f"{straight['time_over_way']:.2f} times as long as the straight path would.",
     }
 

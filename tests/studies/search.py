@@ -218,8 +218,8 @@ def found(data):
     rows = common.read_json(common.RESULTS / "mujoco" / "evaluation.json")["rows"]
     near, far = common.values(rows, "time_mean", planner="search", noise=True)
     return {
-        "times": f"In 3-D `search` takes {near:.1f} s to near goals and {far:.1f} s to far ones. It "
-        "leads the robot only to the edge of the tolerance. Two double steps later the robot is "
+        "times": f"In 3-D `search` takes {near:.1f} s to near goals and {far:.1f} s to far ones. "
+        "It leads the robot only to the edge of the tolerance. Two double steps later the robot is "
         "often outside again."
     }
 

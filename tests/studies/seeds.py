@@ -290,11 +290,11 @@ def found(data):
         f"{common.overlap(*(own[-1] for own in intervals))}.",
         "causes": f"To goals at 2 m the step limits alone would allow {exact['least']:.1f} s on "
         f"average. The policy takes {exact['time_mean']:.1f} s without noise and "
-        f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot take "
-        "its largest steps in x, y and yaw at the same time.",
-        "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} walks to "
-        f"near goals and in {far['falls']} of {pooled['goals']:,} to far ones. When it was pushed by "
-        f"0.4 m/s, every 3 s on average, it fell in {share(pushed['fall'], 1)} of "
+        f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot "
+        "take its largest steps in x, y and yaw at the same time.",
+        "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} walks "
+        f"to near goals and in {far['falls']} of {pooled['goals']:,} to far ones. When it was "
+        f"pushed by 0.4 m/s, every 3 s on average, it fell in {share(pushed['fall'], 1)} of "
         f"{pooled['goals']:,} far walks.",
         "trainings": f"The policies of all {len(ratios) // 2} trainings take "
         f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert`.",
@@ -302,9 +302,9 @@ def found(data):
         f"{compared(0.0)}. With pushes of 0.4 m/s on the way to far goals it fell with these "
         f"policies {compared(0.4)}.",
         "estimate": f"At every distance the true error of the estimate is {min(ours):.2f} to "
-        f"{max(ours):.2f} times the error that the filter claims. A filter that expects independent "
-        f"errors and a smaller drift claims too little: there the true error is {min(simple):.2f} "
-        f"to {max(simple):.2f} times the claimed one.",
+        f"{max(ours):.2f} times the error that the filter claims. A filter that expects "
+        f"independent errors and a smaller drift claims too little: there the true error is "
+        f"{min(simple):.2f} to {max(simple):.2f} times the claimed one.",
     }
 
 

@@ -379,8 +379,8 @@ def found(data):
     limits = data["mujoco"]["limits"]
     median, lowest = (1000 * height for height in limits["clearance"])  # [mm]
     return {
-        "random": f"In 3-D {share(limits['stood'], 1)} of {RANDOM:,} robots walk a random plan within "
-        "the step limits without a fall.",
+        "random": f"In 3-D {share(limits['stood'], 1)} of {RANDOM:,} robots walk a random plan "
+        "within the step limits without a fall.",
         "clearance": "In the middle of its swing the lowest corner of a foot is "
         f"{median:.1f} mm above the floor (median). The 5th percentile is {lowest:.1f} mm: in some "
         "steps the foot drags.".replace("-", "−"),
