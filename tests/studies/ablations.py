@@ -2,9 +2,9 @@
 
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
-robots: more of them, as many double steps in all, one seed.
-long: the shipped training, deciding by its mean and by its mode, and one as long without the
-reflex; their walks are pushed, too.
+robots: trainings with more robots, the same double steps in all, and one seed.
+long: the shipped policy, deciding by its mean and by its mode, and a policy that was trained as
+long without the reflex. They are compared with and without pushes.
 """
 
 import json
@@ -27,7 +27,7 @@ def log_std(concentration):
 
 
 class GaussianActor(ppo.ActorCritic):
-    """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
+    """A normal distribution, the usual choice. The environment clips its actions, not π."""
 
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
@@ -79,7 +79,7 @@ class ModePlanner(evaluate.PolicyPlanner):
 
 
 def judged(planner, sim, walk=None):
-    """A row for 250 near and 250 far noisy goals."""
+    """The row of a planner for 250 near and 250 far goals with noise."""
     with common.world(sim, num_robots=GOALS // 2, walk=walk) as world:
         ended = common.near_and_far(planner, world)
     return evaluate.summary("policy", True, None, ended, env.Task())
@@ -117,7 +117,7 @@ def learn(sim, name, seed, steps):
 
 
 def study_short(args, names, seeds=SEEDS):
-    """One training after the other."""
+    """Rows of all these trainings, made one after the other."""
     rows = []
     for name, seed in product(names, seeds):
         path = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}") / "row.json"
@@ -133,8 +133,8 @@ BY_MODE = "reference, by its mode"
 
 
 def study_long(args):
-    """The shipped training by both rules, and one with its seed without the reflex: 1,000 walks for
-    every row.
+    """Rows, 1,000 walks each: the shipped policy by both rules, and one of the same seed that was
+    trained without the reflex.
     """
     folder = common.RESULTS / args.sim
     model, about = ppo.load_policy(folder / "policy.pt")
@@ -167,7 +167,7 @@ LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "c
 
 
 def table(found, sim):
-    """Every training."""
+    """Markdown of every training."""
     columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
     long = {"goal_std_m": 1} | LONG
     return common.sections(found, {"ablations": columns, "robots": columns, "long": long})

@@ -1,13 +1,13 @@
-"""Where does the robot fall? Pushes, other grounds, other bodies, other errors.
+"""Where does the robot fall? Pushes, other floors, other bodies, other errors.
 
     python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | blocks | steps] [--out FOLDER]
 
-pushes: far goals with noise. A push acts on the torso for 50 ms; alone it would make the torso
-faster by Δv. On average there is one every 3 s; all planners meet the same ones.
-worlds: the shipped policy, near and far goals with noise. It does not observe the world.
-blocks: far goals with noise, on a floor of blocks 0.2 m wide with drawn heights; only in 3-D.
-steps: the shipped policy with and without steps that answer a push (`capture`, `wait` of stage 2),
-on tuning seeds; in 3-D also in worlds in which these might fail.
+pushes: far goals with noise. A push acts on the torso for 50 ms and would give the torso alone the
+speed Δv. There is one every 3 s on average. All planners meet the same pushes.
+worlds: the shipped policy, which does not observe the world; near and far goals with noise.
+blocks: far goals with noise, on a floor of blocks 0.2 m wide with random heights. Only in 3-D.
+steps: the shipped policy with and without answers to a push (`capture`, `wait` of stage 2), on seeds
+of the tuning; in 3-D also in worlds in which these answers might not help.
 """
 
 from dataclasses import replace
@@ -26,7 +26,7 @@ SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 
 
 def everybody(sim, **settings):
-    """Rows of all planners on their way to far goals in such a world, with and without reflex."""
+    """Rows of all planners for far goals in such a world, with the reflex and without it."""
     planners = {"policy": common.shipped(sim), **common.opponents(sim)}
     rows = []
     for reflex in (True, False):
@@ -39,7 +39,7 @@ def everybody(sim, **settings):
 
 
 def study_pushes(args):
-    """Everybody at every Δv."""
+    """Rows of every planner at every Δv."""
     return [{"speed": speed, **row} for speed in SPEEDS for row in everybody(args.sim, push=speed)]
 
 
@@ -62,7 +62,7 @@ class Blocks(env.FootstepWorld):
 
 
 def study_blocks(args):
-    """Everybody on uneven ground, which nobody has met in a training; only 3-D has blocks."""
+    """Rows of every planner on uneven floors, on which nothing was trained; only 3-D has blocks."""
     return [
         {"blocks": height, **row}
         for height in (BLOCKS if args.sim == "mujoco" else ())
@@ -71,7 +71,7 @@ def study_blocks(args):
 
 
 class SlowNoise(env.FootstepWorld):
-    """The noise of the goal is as large, but changes slowly: 0.9 of it stay for the next time."""
+    """The noise of the goal is as large as usual, but slow: the next look keeps 0.9 of it."""
 
     def __init__(self, num_robots, *args, **settings):
         super().__init__(num_robots, *args, **settings)
@@ -222,7 +222,7 @@ def table(found, sim):
 
 
 def plot(found, sim):
-    """Share of falls over Δv, one colour a planner, with 95 % intervals."""
+    """Draws the share of falls over Δv, one colour for each planner, with 95 % intervals."""
     rows = found["pushes"]["rows"]
     figure, axis = plt.subplots(figsize=(8, 4))
     names = dict.fromkeys(values(rows, "planner"))
@@ -264,13 +264,13 @@ def steps(rows):
     lines = [*shown.values()]
     ranges = (f"{share(min(k))} to {share(max(k))} at {push} m/s" for push, k in left.items())
     return (
-        "Capture steps and waiting (`all`) were added to the shipped policy without a new training. "
+        "Capture steps and waiting (`all`) were added to the shipped policy without new training. "
         f"If nobody pushes, the robot then falls in {calm[0]} of 2,000 near and {calm[1]} of 2,000 "
         f"far walks. With pushes in {len(worlds)} other worlds (other floors, worse sensors, wrong "
         f"joint zeros) {' and '.join(ranges)} of the falls with the reflex alone remain. The table "
-        "is of far walks with pushes on the flat floor. Falls: with the reflex alone → with the answer. (`open loop` has no "
-        "reflex, the others have it.) Time: that with the answer ÷ that with the reflex alone.\n\n"
-        + common.table(lines, dict.fromkeys(lines[0], 0))
+        "is of far walks with pushes on the flat floor. Falls: with the reflex alone → with the "
+        "answer. (`open loop` has no reflex, the others have it.) Time: that with the answer ÷ "
+        "that with the reflex alone.\n\n" + common.table(lines, dict.fromkeys(lines[0], 0))
     )
 
 

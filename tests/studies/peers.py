@@ -3,8 +3,9 @@
     python -m pip install stable-baselines3==2.9.2
     python tests/studies/peers.py [--mujoco] [--out FOLDER]
 
-Ours are those of `ablations` with a clipped Gaussian policy and no sharpening. If ours is right,
-the ranges of their seeds overlap. (Two equal ones fail that in one case of ten.)
+Our trainings are those of `ablations` with a clipped Gaussian policy and no sharpening. If our PPO
+is right, the times of the seeds have ranges that overlap. (By chance the ranges of two equal
+methods do not overlap in one case of ten.)
 """
 
 from types import SimpleNamespace
@@ -21,7 +22,7 @@ UPDATES = -(-ablations.STEPS // (CFG.num_envs * CFG.rollout))
 
 
 def learn(sim, seed):
-    """One training: its row."""
+    """Trains one policy and returns its row."""
     try:
         from stable_baselines3 import PPO
         from stable_baselines3.common.env_util import make_vec_env
@@ -66,7 +67,7 @@ def learn(sim, seed):
 
 
 def study_sb3(args):
-    """Three seeds."""
+    """Rows of three seeds."""
     return [learn(args.sim, seed) for seed in ablations.SEEDS]
 
 
@@ -74,7 +75,7 @@ PARTS = {"sb3": study_sb3}
 
 
 def table(found, sim):
-    """All trainings."""
+    """Markdown of all trainings."""
     columns = {"seed": 0, "success": 3, "fall": 3, "time_mean": 2}
     return common.sections(found, {"sb3": columns})
 

@@ -2,13 +2,16 @@
 
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
-pooled: evaluation seeds 140 to 149, walked once, after everything has been chosen; the next recipe
-takes 150 to 159. seeds: all trainings and their opponents, on seed 140. Both also with
-pushes on the way to far goals.
-All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
-and so on. The median, by success with noise and then by time, is the one to ship.
-estimate: how far off is the estimate of the goal, and how far does the filter take it to be? Also
-with a simpler filter. Writes seeds.estimate.png. film: learning.gif.
+distances: the policy and its two best opponents, 0 to 6 m from the goal.
+pooled: the policy on evaluation seeds 140 to 149. They were used once, after everything had been
+chosen; a new training should take 150 to 159.
+seeds: all trainings and their opponents, on evaluation seed 140. Both parts also push the robot on
+its way to far goals. The trainings must be there, made by
+`python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. The one to ship is the
+median by success with noise, then by time.
+estimate: how large are the errors of the estimated goal, and how large are those that the filter
+claims? Also for a simpler filter. Writes seeds.estimate.png.
+film: writes learning.gif.
 """
 
 import common
@@ -26,8 +29,8 @@ EXACT = "policy, without noise"
 
 
 def walked(sim, policies, sets, opponents):
-    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise; the
-    times of the policies also relative to those of the opponents.
+    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise. A
+    row of a policy also has its time relative to those of the opponents.
     """
     planners, rows = opponents | policies, []  # by name, or by seed
     for far, push in KINDS:
@@ -49,7 +52,7 @@ def walked(sim, policies, sets, opponents):
 
 
 def median_seed(rows):
-    """The training seed in the middle: by mean success of its rows, then by time. Not the best."""
+    """The training seed in the middle, not the best: by mean success of its rows, then by time."""
 
     def rank(seed):
         success, time = (values(rows, key, seed=seed) for key in ("success", "time_mean"))
@@ -62,11 +65,12 @@ def median_seed(rows):
 def least_time(goals, world):
     """The kinematic optimum [n] [s]: no plan within the step limits gets to goals [n, 3] sooner.
 
-    Double steps are whole. So many are needed for the way, so many for the turn, each to the edge
-    of the tolerance; the larger number counts. Straight ahead is not the fastest walk: a foot lands
-    x ahead of the standing one, w to its side, and turned out by ω. With the toes ω/2 to either
-    side of the way, not only x leads ahead, but w, too. (This is about plans. A slip may add to
-    them. A robot that walks like this falls in its second double step, in both simulators.)
+    One number of whole double steps is needed for the distance, another one for the turn, each to
+    the edge of the tolerance. The larger number counts. Straight ahead is not the fastest walk: a
+    foot lands x ahead of the standing one, w to its side, and turned out by ω. If the toes point
+    ω/2 to either side of the path, not only x leads ahead, but w, too. (This is about plans. A slip
+    may add to them. A robot that walks like this falls in its second double step, in both
+    simulators.)
     """
     x, w, turn = world.limits.high + world.engine.beside[0]  # [m], [m], [rad] ω
     # In a double step:  way ≤ 2·(x·cos(ω/2) + w·sin(ω/2)),  turn ≤ ω outward + ω inward
@@ -78,7 +82,7 @@ def least_time(goals, world):
 
 
 def study_distances(args):
-    """The opponents and the policy to goals at every distance, with noise; the policy also without."""
+    """Rows of opponents and policy for every distance, with noise; of the policy also without."""
     policy = common.shipped(args.sim)
     planners = {**common.opponents(args.sim), "policy": policy, EXACT: policy}
     far = np.repeat(DISTANCES, GOALS)
@@ -101,14 +105,14 @@ def study_distances(args):
 
 
 def study_all(args):
-    """Every training and its opponents."""
+    """Rows of every training and its opponents."""
     found = walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
     calm = pick(found["rows"], planner="policy", push=0.0)
     return {"median_seed": median_seed(calm), **found}
 
 
 def study_pooled(args):
-    """The shipped policy in many walks."""
+    """Rows of the shipped policy in many walks."""
     found = walked(args.sim, {None: common.shipped(args.sim)}, POOLED_SETS, {})
     return {"first_seed": POOLED_FIRST, **found}
 
@@ -121,7 +125,7 @@ FILM = {
 
 
 def study_film(args):
-    """The shipped policy before, during and after its training, in learning.gif above the table."""
+    """Films the shipped policy before, during and after its training: learning.gif."""
     trials, walks = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0), {}
     with common.world(args.sim, num_robots=1, noise=False, cores=1) as world:
         for title, file in FILM.items():
@@ -132,11 +136,11 @@ def study_film(args):
 
 
 class Watched(env.FootstepWorld):
-    """Keeps of every view the squared errors, the claimed variances, and the distance."""
+    """Stores for every view the squared errors, the claimed variances, and the distance."""
 
     def __init__(self, *args, independent, **settings):
         super().__init__(*args, **settings)
-        self.independent = independent  # does its filter take the errors of x, y and yaw so?
+        self.independent = independent  # does its filter ignore how the errors of x, y, yaw relate?
         self.seen = []
 
     def look(self, robots):
@@ -159,7 +163,7 @@ AXES = {"x": "m", "y": "m", "yaw": "rad"}
 
 
 def study_estimate(args):
-    """Root mean square error, and what the filter takes for it (claimed), by distance."""
+    """Rows, by distance: the root mean square error, and its ratio to what the filter claims."""
     policy, rows = common.shipped(args.sim), []
     for name, settings in FILTERS.items():
         with common.world(args.sim, Watched, **settings) as world:
@@ -177,7 +181,7 @@ def study_estimate(args):
 
 
 def plot_estimate(rows, sim):
-    """Errors and claimed errors over the distance, a colour for each filter."""
+    """Draws errors and claimed errors over the distance, a colour for each filter."""
     figure, panels = plt.subplots(1, 3, figsize=(12, 3.8))
     for panel, (name, unit) in zip(panels, AXES.items()):
         for k, title in enumerate(FILTERS):
@@ -230,7 +234,7 @@ def table(found, sim):
 
 
 def plot(found, sim):
-    """Time and falls over the distance of the goal, with 95 % intervals."""
+    """Draws time and falls over the distance of the goal, with 95 % intervals."""
     found = found["distances"]
     figure, (times, falls) = plt.subplots(1, 2, figsize=(12, 4.2))
     styles = {"policy": "o-", "expert": "s--", "baseline_tuned": "^:", EXACT: "-"}
