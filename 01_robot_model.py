@@ -1,7 +1,7 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
 Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6]. (Numbers
-of sections and references are the paper's. `tests/exercises/ledger.md` lists what it says.)
+of sections and references are the paper's. `tests/exercises/ledger.md` lists what the paper says.)
 
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
@@ -15,13 +15,13 @@ robot that fell at the smallest lean. The stage takes 4 seconds. Nothing in it i
 Predict this smallest lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the ankle axes) do
 not move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is
 0.0127 m ahead of the ankle axes and 0.3993 m above them. The toes are 0.108 m ahead of the axes.
-After which turn is the centre of mass of the whole robot above the toes? The planar robot falls
+At which turn is the centre of mass of the whole robot above the toes? The planar robot falls
 0.002 rad earlier than your pencil says, because even a slow lean has some speed. In 3-D a servo is
 a spring (`stiffness`), and two ankles share the load. By how much do they give way, and does that
 help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
 
 How to read this file: read down to the double rule. Below it are the simulators, the drawing, and
-what handles the command line and files.
+the code for the command line and for files.
 
       seen from its right side                        seen from behind
         z                                               z

@@ -3,8 +3,8 @@
 The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for
 the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation. We
 add three answers to the IMU (`WalkPlan`), which are future work in the paper: a reflex of the
-ankles, capture steps, which land where the robot leans, and waiting, which makes a step longer in
-time. The last two are off unless you turn them on.
+ankles, capture steps, which land where the robot leans, and waiting, which lets a step take longer.
+The last two are off unless you turn them on.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
@@ -18,7 +18,7 @@ walk. Nothing is random here, so `--seed` changes nothing.
 Then twelve robots are pushed forward during a walk, each of them at another moment of the double
 step. They walk in open loop, then with the reflex, then with the reflex, capture steps and waiting
 (`capture`, `wait`). Guess first: how many of the twelve fall each time, in 3-D and on the plane?
-(Answers: `tests/exercises/predict.md`, capture. After a push forward hardly a robot waits.) A push
+(Answers: `tests/exercises/predict.md`, capture. After a push forward few robots wait.) A push
 of 0.8 m/s is a force for 50 ms. It would give the torso alone this speed, and the whole robot 0.57
 of it.
 

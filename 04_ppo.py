@@ -8,7 +8,7 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
-    python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
+    python 04_ppo.py --imu           the policy also observes the torso's tilt and its rates
     python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
 In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
@@ -36,10 +36,10 @@ How the average changes with the policy's parameters (the policy gradient), firs
 An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
 ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
-they drop out like b. And strictly, decision t has the weight γᵗ; nearly everybody leaves it out, or
-late decisions would hardly be improved. Following this gradient makes good actions more likely and
-bad ones less.
-PPO uses a sample several times while the policy moves on, so it weights it by the ratio
+they drop out like b. And strictly, decision t has the weight γᵗ. Nearly everybody leaves this weight
+out, since late decisions would hardly be improved with it. Following this gradient makes good
+actions more likely and bad ones less.
+PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
 The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; (3) improve the

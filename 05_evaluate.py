@@ -17,8 +17,8 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 task or robot is evaluated, too, and a note says what differs. The stage prints tables. Their times
 are those of successes: mean, median, and the time that 95 % of them do not exceed. It writes
 table.md, evaluation.json, trials.csv and footsteps.png (two walks without noise) to `runs/<sim>/`.
-Predict: the paper's policy takes half of the baseline's time, and falls about twice as often. Does
-this one?
+Predict: the paper's policy takes half of the baseline's time, and the robot falls about twice as
+often with it. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]

@@ -199,8 +199,8 @@ def found(data):
         "64 robots, {:.1f} s with 256, and {:.1f} s with 256 and rollouts of 4.".format(
             *means("robots", "time_mean", ROBOTS)
         ),
-        "blind": "Without the reflex in training and walk the robot falls in "
-        f"{blind} of 1,000 far walks with pushes. With the reflex in both it falls in {usual}.",
+        "blind": "If the reflex is off in training and walk, the robot falls in "
+        f"{blind} of 1,000 far walks with pushes. If it is on in both, the robot falls in {usual}.",
         "long": "The long trainings in 3-D were judged by 1,000 far walks each, with pushes of 0.4 "
         "m/s:\n\n" + common.table(pick(long, goal_std_m=1.0, push=0.4), shown),
     }

@@ -266,8 +266,9 @@ def steps(rows):
     return (
         "Capture steps and waiting (`all`) were added to the shipped policy without new training. "
         f"If nobody pushes, the robot then falls in {calm[0]} of 2,000 near and {calm[1]} of 2,000 "
-        f"far walks. With pushes in {len(worlds)} other worlds (other floors, worse sensors, wrong "
-        f"joint zeros) {' and '.join(ranges)} of the falls with the reflex alone remain. The table "
+        f"far walks. In {len(worlds)} other worlds with pushes (other floors, worse sensors, wrong "
+        "joint zeros) a part of the falls with the reflex alone remains: "
+        f"{', '.join(ranges)}. The table "
         "is of far walks with pushes on the flat floor. Falls: with the reflex alone → with the "
         "answer. (`open loop` has no reflex, the others have it.) Time: that with the answer ÷ "
         "that with the reflex alone.\n\n" + common.table(lines, dict.fromkeys(lines[0], 0))

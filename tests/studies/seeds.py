@@ -288,8 +288,8 @@ def found(data):
     return {
         "distances": f"Of the three planners the policy is the fastest at {first} of "
         f"{len(times[0])} distances. At 6 m the policy takes {policy:.1f} s, `baseline_tuned` "
-        f"{tuned:.1f} s and `expert` {by_hand:.1f} s. With them the robot falls in "
-        "{}, {} and {} ".format(*(share(own[-1], 1) for own in falls))
+        f"{tuned:.1f} s and `expert` {by_hand:.1f} s. With these planners the robot "
+        "falls in {}, {} and {} ".format(*(share(own[-1], 1) for own in falls))
         + f"of {distances['goals']} walks each; the 95 % intervals of these shares "
         f"{common.overlap(*(own[-1] for own in intervals))}.",
         "causes": f"To goals at 2 m the step limits alone would allow {exact['least']:.1f} s on "
@@ -307,7 +307,7 @@ def found(data):
         f"policies {compared(0.4)}.",
         "estimate": f"At every distance the true error of the estimate is {min(ours):.2f} to "
         f"{max(ours):.2f} times the error that the filter claims. A filter that expects "
-        f"independent errors and a smaller drift claims too little: there the true error is "
+        f"independent errors and a smaller drift claims too little: its true error is "
         f"{min(simple):.2f} to {max(simple):.2f} times the claimed one.",
     }
 
