@@ -57,14 +57,14 @@ def highest_speed(poses, fall, period):
     """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
 
     poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk_plans`, period [s]. Row by row the
-    levels of the first direction, then those of the second, and so on. A walk has fallen if its
-    `fall` is less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does
+    levels of the first direction, then those of the second, and so on. A robot fell if its `fall`
+    is less than len(PATTERN). A robot that did not fall at a level above a fall was lucky: it does
     not count.
     """
-    # speed = |way along the axis| / (Σ PATTERN · period)
-    # A walk ends with the trunk between the feet. The last step of the right foot has moved it by
-    # half of that step only; of twelve steps one half is missing, so speeds are 4 % too low. Not
-    # sideways: there the right foot's steps have no length.
+    # speed = |distance along the axis| / (Σ PATTERN · period)
+    # A walk ends with the trunk between the feet. The last step of the right foot has moved the
+    # trunk by half of that step only. So a half of twelve steps is missing, and speeds are 4 % too
+    # low. This is not so sideways, where the right foot's steps have no length.
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)
@@ -117,9 +117,9 @@ def off_plan(planned, poses):
     """How far double steps end from their plan: the mean of each [3], and what a filter should
     expect of them, the deviation of the sum of five in a row ÷ √5 [3]; in m, m, rad.
 
-    planned [n, K, 3]: the plan's way, seen from where it began; poses [n, K + 1, 3] of n robots
-    that stood. Errors in a row are alike (a robot that slips does so again), so their sum is larger
-    than that of independent ones.
+    planned [n, K, 3]: the planned motion in each double step, seen from its beginning; poses
+    [n, K + 1, 3] of n robots that did not fall. Errors in a row are alike (a robot that slips does
+    so again), so their sum is larger than that of independent errors.
     """
     error = robot_model.relative(poses[:, :-1], poses[:, 1:]) - planned
     error[..., 2] = robot_model.wrap(error[..., 2])
