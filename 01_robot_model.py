@@ -169,8 +169,8 @@ TEAM = RobotModel(
 
 @dataclass
 class Body:
-    """How n robots differ from the model. Stage 3 makes it at random (domain randomization), and no
-    planner sees it."""
+    """How n robots differ from the model. Stage 3 chooses the values at random (domain
+    randomization), and no planner sees them."""
 
     friction: np.ndarray  # [n] μ of the floor
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
@@ -627,8 +627,8 @@ def inertial(link, side=1):
 def leg_xml(robot, leg, side):
     """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
 
-    Every body has its mass, its joints (to the body around it) and, the foot, its sole: a box with
-    pos, its centre seen from the ankle, and size, half of each side [m].
+    Every body has its mass and its joints to the body around it. The foot also has its sole, a box:
+    pos is its centre seen from the ankle, size is half of each side [m].
     """
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
@@ -1074,8 +1074,8 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
 
 
 # ------------------------------------------------------------------------ drawing
-# Trunk, head and nose: both ends of a line in the torso's frame [m]; only pictures have a head. Then
-# colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
+# Trunk, head and nose: both ends of a line in the torso's frame [m]; only pictures have a head.
+# Then colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
 UPPER_ENDS = np.array(
     [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
 )

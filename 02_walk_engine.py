@@ -2,9 +2,9 @@
 
 The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for
 the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation. We
-add three answers to the IMU (`WalkPlan`), which are future work in the paper: a reflex of the
-ankles, capture steps, which land where the robot leans, and waiting, which lets a step take longer.
-The last two are off unless you turn them on.
+add three answers to what the IMU measures (`WalkPlan`); in the paper they are future work. They are
+a reflex of the ankles, capture steps, which land where the robot leans, and waiting, which lets a
+step take longer. The last two are off unless you turn them on.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
@@ -18,8 +18,8 @@ walk. Nothing is random here, so `--seed` changes nothing.
 Then twelve robots are pushed forward during a walk, each of them at another moment of the double
 step. They walk in open loop, then with the reflex, then with the reflex, capture steps and waiting
 (`capture`, `wait`). Guess first: how many of the twelve fall each time, in 3-D and on the plane?
-(Answers: `tests/exercises/predict.md`, capture. After a push forward few robots wait.) A push
-of 0.8 m/s is a force for 50 ms. It would give the torso alone this speed, and the whole robot 0.57
+(Answers: `tests/exercises/predict.md`, capture. After a push forward few robots wait.) A push of
+0.8 m/s is a force for 50 ms. It would give the torso alone this speed, and the whole robot 0.57
 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
@@ -532,8 +532,7 @@ def pushed(sim, parameters, speed, count=12):
 
 
 def plot_push(tilts, engine, path, title):
-    """Draws the tilt over time of all robots of `pushed`, [count, T] by the name of their
-    answers."""
+    """Draws the tilt over time of all robots of `pushed`: [count, T] by the name of an answer."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for (name, tilt), style in zip(tilts.items(), ("C3:", "C1--", "C2-")):
         time = np.arange(tilt.shape[1]) * engine.robot.control_dt

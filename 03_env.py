@@ -1,8 +1,7 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal or with a
-fall. To arrive is to stay: two double steps in a row must end at the goal. (The paper asks for
-one.)
+fall. To arrive is to stay: two double steps in a row must end at the goal (one in the paper).
 
     python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
@@ -78,8 +77,7 @@ class Task:
 @dataclass(frozen=True)
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization). All
-    zeros: the model itself. All values are random, most of them uniform. Their sizes are our
-    choice."""
+    zeros: the model itself. All values are random, most of them uniform; sizes: our choice."""
 
     friction: float = 0.3  # [-] ± on μ
     mass: float = 0.10  # [-] ± share of every link's mass and inertia
@@ -163,8 +161,7 @@ BOUNDS = np.array([row[2:] for row in observation_table(imu=True)], np.float32).
 
 
 def checked(name, value, *shape):
-    """The value as an array [shape]. Raises a ValueError if it is not finite or has another
-    shape."""
+    """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
     array = np.array(value, float)
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}")
@@ -492,7 +489,7 @@ class FootstepWorld:
         errors = disturbance.gyro_error, disturbance.tilt_error  # [n, T, 2] each
         for i, push, gyro, tilt in zip(robots, disturbance.push, *errors):  # [T, 2] views
             noise = self.rngs[i, GYRO].normal(self.gyro_offset[i], self.task.imu_rad_s, (usual, 2))
-            gyro[:] = np.resize(noise, gyro.shape)  # for a robot that waits they begin again
+            gyro[:] = np.resize(noise, gyro.shape)  # a robot that waits meets the first ones again
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
             if drawn < often:
                 first = int(when * (usual - ticks + 1))
@@ -580,7 +577,7 @@ PICTURES = {"render_modes": ["rgb_array"], "render_fps": 2}  # one for a double 
 
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
-    """N independent episodes in one call. After an end the next one starts in the SAME step.
+    """N independent episodes in one call. An ended episode starts again in the SAME step.
 
     Then `step` returns the first observation of the next episode. The last observation of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
