@@ -635,7 +635,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         return self.look(self.robots), infos["reward"], terminated, infos["timeout"], infos
 
     def step(self, actions):
-        """Simulates a double step; then ended episodes restart. infos: also final_obs, final_info."""
+        """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
         observations, reward, terminated, truncated, result = self.walk(actions)
         ended = terminated | truncated
         if ended.any():

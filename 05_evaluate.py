@@ -300,7 +300,7 @@ def record(planner, world, trials):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval of a rate: `count` of `total` trials (Wilson score, which is wide at 0, too)."""
+    """95 % interval of a rate: `count` of `total` trials (Wilson score; not zero wide at 0)."""
     # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)

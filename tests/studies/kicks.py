@@ -6,8 +6,8 @@ pushes: far goals with noise. A push acts on the torso for 50 ms and would give 
 speed Δv. There is one every 3 s on average. All planners meet the same pushes.
 worlds: the shipped policy, which does not observe the world; near and far goals with noise.
 blocks: far goals with noise, on a floor of blocks 0.2 m wide with random heights. Only in 3-D.
-steps: the shipped policy with and without answers to a push (`capture`, `wait` of stage 2), on seeds
-of the tuning; in 3-D also in worlds in which these answers might not help.
+steps: the shipped policy with and without answers to a push (`capture`, `wait` of stage 2), on
+seeds of the tuning; in 3-D also in worlds in which these answers might not help.
 """
 
 from dataclasses import replace

@@ -297,8 +297,8 @@ def found(data):
         f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot "
         "take its largest steps in x, y and yaw at the same time.",
         "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} near "
-        f"walks and in {far['falls']} of {pooled['goals']:,} far ones. Pushed by 0.4 m/s every 3 s on "
-        f"average, it fell in {share(pushed['fall'], 1)} of {pooled['goals']:,} far walks.",
+        f"walks and in {far['falls']} of {pooled['goals']:,} far ones. Pushed by 0.4 m/s every 3 s "
+        f"on average, it fell in {share(pushed['fall'], 1)} of {pooled['goals']:,} far walks.",
         "trainings": f"The policies of all {len(ratios) // 2} trainings take "
         f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert`.",
         "safety": f"With the policies of all {len(ratios) // 2} trainings the robot fell "
