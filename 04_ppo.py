@@ -38,9 +38,9 @@ ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
 they drop out like b. And strictly, decision t has the weight γᵗ. Nearly everybody leaves this
 weight out, since late decisions would hardly be improved with it. Following this gradient makes
-good actions more likely and bad ones less. PPO uses a sample several times while the policy moves
-on, so it weights the sample by the ratio ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is
-A·∇ln π again.
+good actions more likely and bad ones less.
+PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
+ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
 The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; (3) improve the
 policy; (4) log. Repeat.
