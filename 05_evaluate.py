@@ -13,24 +13,24 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
-`results/<sim>/`; `--policy` names another file (or several). A policy that was trained with another
-walk, task or robot than those of the stages is evaluated all the same, and a note says what
-differs. The stage prints tables. Their times are those of successes: mean, median, and the time
-that 95 % of them do not exceed. It writes table.md, evaluation.json, trials.csv and footsteps.png
-(two walks without noise) to `runs/<sim>/`. Predict: the paper's policy needs half the baseline's
-time, and falls about twice as often. Does this one?
+`results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
+task or robot is evaluated, too, and a note says what differs. The stage prints tables. Their times
+are those of successes: mean, median, and the time that 95 % of them do not exceed. It writes
+table.md, evaluation.json, trials.csv and footsteps.png (two walks without noise) to `runs/<sim>/`.
+Predict: the paper's policy takes half of the baseline's time, and the robot falls about twice as
+often with it. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
-is the goal as they know it, x, y [m], yaw [rad]; with noise it is estimated from all measurements
-so far (stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
+is the goal as they know it, x, y [m], yaw [rad]. With noise it is estimated from all measurements
+so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked example. All
 planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same noise
-(common random numbers), so a difference between two rows is due to the planners. `baseline` is the
-paper's, but decides once per double step; `baseline_tuned` has settings optimised for this world.
+(common random numbers). So a difference between two rows comes from the planners. `baseline` is the
+paper's, but decides once per double step. `baseline_tuned` has settings optimised for this world.
 
-How sure are we? A 95 % interval holds the true rates, those of infinitely many trials, with which
-the count in these trials is compatible. Of 100 such intervals about 95 contain the truth. A far
-trial is a near one with its goal twice as far, so 500 near and 500 far walks are 500 pairs, not
+How sure are we? The true rate is that of infinitely many trials. A 95 % interval holds all true
+rates that fit the count in these trials; of 100 such intervals about 95 contain the truth. A far
+trial is a near one with its goal twice as far. So 500 near and 500 far walks are 500 pairs, not
 1,000 independent walks. Seed 0 is for trying things: judge what you chose by another `--seed`.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
@@ -76,7 +76,7 @@ FILM_GOALS = np.array([[0.9, 0.5, 1.6], [-0.3, 0.35, 3.0], [0.55, -0.25, 0.0]]) 
 # ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
 class BaselineSettings:
-    """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
+    """The settings of [10] in its team's public files: cautious, for the real robot."""
 
     forward: float = 0.12  # [m/s] speed limit
     backward: float = 0.06  # [m/s]
@@ -84,7 +84,7 @@ class BaselineSettings:
     turning: float = 0.3  # [rad/s]
     gain: float = 1.0  # [1/s] speed per distance
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
-    far_m: float = 1.0  # [m] farther away it faces the goal's position
+    far_m: float = 1.0  # [m] farther away the robot turns to the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
     share: bool = False  # do both feet share a sideways distance and a turn? Ours
 
@@ -116,7 +116,7 @@ TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/base
 
 
 def velocity_command(goal, settings):
-    """Where to and how fast: goals seen from the robot [n, 3] -> v_x, v_y [m/s], ω [rad/s]."""
+    """The speeds [n, 3] to goals seen from the robot [n, 3]: v_x, v_y [m/s], ω [rad/s]."""
     d, alpha, beta = env.polar(goal)  # each [n]: distance [m], goal yaw, goal direction [rad]
     cos, sin = np.cos(beta), np.sin(beta)
     # The limits span a diamond: |v_x| / x_max + |v_y| / y_max ≤ 1. With v_x = v·cos β and
@@ -144,8 +144,8 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """
     # x: each foot lands v_x·(period/2) ahead of the other one
     # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
-    #    its share outward; the other one follows inward with the rest
-    # yaw: the same with the turn ω·period
+    #    its share, outward; the other foot follows with the rest, inward
+    # yaw: the turn ω·period is shared in the same way
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] [m, rad] to the left
     out = np.multiply(lead, way)  # of the leading foot
@@ -173,7 +173,7 @@ class BaselinePlanner:
         last = np.where(np.isnan(last), command, last)  # the first command is not filtered
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[view.robots] = velocity
-        lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
+        lead = (1, 0.5)  # [10]: only the leading foot steps sideways; both feet turn by the same
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
             span = np.subtract(view.limits.high, view.limits.low)  # [3]
             lead = (view.limits.high / span)[1:]
@@ -188,7 +188,7 @@ class PolicyPlanner:
         self.columns = model.shape["obs_dim"]  # the rows of the IMU are the last ones
 
     def reset(self, num_robots):
-        """Nothing to reset: the two previous actions are part of the observation."""
+        """Resets nothing: the two previous actions are part of the observation."""
 
     def act(self, view):
         return self.model.decide(view.observation[:, : self.columns])
@@ -197,7 +197,7 @@ class PolicyPlanner:
 # ------------------------------------------------------------------------ trials
 @dataclass
 class Trials:
-    """Where n robots should go, and what decides about their floor, body and noise."""
+    """Where n robots should go, and what their random floors, bodies and noise depend on."""
 
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: int  # of the random stream; trial i is number i in it
@@ -212,20 +212,20 @@ def draw_trials(seed, count, far=False, purpose="evaluation"):
 
 
 def evaluate(planner, world, trials, watch=None):
-    """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
+    """Lets robot i walk to the goal of trial i, all at the same time, until each trial has ended.
 
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         friction      μ of the floor
         outcome       a name in OUTCOMES
         time          [s] of a success: to the first of the two double steps that ended at the goal
         steps         double steps
-        still_there   a success, and at the goal after two more double steps in place
+        still_there   a success, and at the goal also after two more double steps in place
         reached_once  at the goal at least once (all that the paper asks for)
         time_once     [s] to that moment, or 0
     """
     n = len(trials.goals)
     everybody = np.arange(n)
-    # One generator per trial: what it draws depends neither on the planner nor on other trials.
+    # One generator per trial: its numbers depend neither on the planner nor on other trials.
     rngs = [env.stream(trials.purpose, trials.seed, trials.first + i) for i in range(n)]
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
@@ -262,9 +262,10 @@ def evaluate(planner, world, trials, watch=None):
 
 
 def double_step(planner, world, robots, push=(0, 0)):
-    """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
-    file, if its actions are not [n, 6] in [0, 1]. push: of the torsos, as the double step begins,
-    [m/s] along the world's x, y; on the plane ahead.
+    """Looks, decides, walks: returns what `FootstepWorld.step` does. push [m/s]: of the torsos as the
+    double step begins, along the world's x and y; planar: ahead.
+
+    Raises a ValueError that names the planner's file if its actions are not [n, 6] in [0, 1].
     """
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
     actions = env.checked(name, planner.act(world.look(robots)), len(robots), 6)
@@ -279,9 +280,9 @@ def double_step(planner, world, robots, push=(0, 0)):
 
 
 def record(planner, world, trials):
-    """Walk and yield what physics did, a dict per trial: torso [T, 6] and joints [T, 12] at all T
-    ticks of the walk, ends [K] of its K double steps [ticks], and there the feet [K, 2, 3] (x, y,
-    yaw).
+    """Walks, and yields a dict for each trial: torso [T, 6] and joints [T, 12] at all T ticks of
+    the walk, ends [K] of its K double steps [ticks], and the feet [K, 2, 3] (x, y, yaw) at these
+    ends.
     """
     steps = [[] for _ in trials.goals]  # of every robot: torso and joints in each double step
 
@@ -307,7 +308,7 @@ def record(planner, world, trials):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval of a rate: `count` of `total` trials (Wilson score; at 0 it is wide, too)."""
+    """95 % interval of a rate: `count` of `total` trials (Wilson score; not zero wide at 0)."""
     # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
@@ -316,8 +317,10 @@ def wilson(count, total, z=1.96):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """95 % interval of a statistic of samples [n], by drawing as many again, with replacement.
-    (This is resampling, not stage 4's bootstrapping.) Samples of the same walks are drawn together.
+    """95 % interval of a statistic of samples [n], by resampling.
+
+    Many times n of the samples are chosen at random, with replacement. Samples of the same walks
+    are chosen together. (This has nothing to do with stage 4's bootstrapping.)
 
     statistic: samples [resamples, n] -> [resamples].
     """
@@ -327,7 +330,7 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def time_ratio(trials, reference):
-    """How the times of two planners compare over the goals that both reached, a dict:
+    """Compares the times of two planners over the goals that both reached; returns a dict:
 
     goals                         how many these are; without one the dict is empty
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
@@ -341,7 +344,7 @@ def time_ratio(trials, reference):
     return {
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
-        # In pairs, because both planners need long for a far goal: this cancels in the ratio.
+        # In pairs: both planners take long to a far goal, and this cancels in the ratio.
         "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)],
         "median": np.median(ours / theirs),
         "faster": np.mean(ours < theirs),
@@ -351,7 +354,7 @@ def time_ratio(trials, reference):
 
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(robot, columns, path):
-    """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
+    """Draws the paper's Fig. 3; columns: walks to the same goals, by planner (three)."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
         title = f"{name}, without noise"
@@ -379,9 +382,11 @@ def plot_footsteps(robot, columns, path):
 
 def pictures(axes, world, feet, motion, push):
     """Draws what the only robot has just done, and yields the time [s] of every picture, one for
-    eight ticks. Yellow: the footsteps that were chosen, from where the right foot stood. feet: a
-    list of earlier ones [2, 3]; those at the beginning are added. push [2]: see `double_step`.
-    (The planar robot cannot spread its legs: its left foot lands to the right of its mark.)
+    eight ticks.
+
+    Yellow: the footsteps that were chosen, from where the right foot stood. feet: a list of earlier
+    ones [2, 3]; those at the beginning are added. push [2]: see `double_step`. (The planar robot
+    cannot spread its legs: its left foot lands to the right of its mark.)
     """
     engine = world.engine
     began = world.ticks[0] - motion.ticks[0]
@@ -403,7 +408,7 @@ def pictures(axes, world, feet, motion, push):
 
 
 def plot_tour(world, planner, speed, path):
-    """A film in real time: the robot walks to FILM_GOALS, one after the other. On the way to the
+    """Films the robot as it walks to FILM_GOALS, one after the other, in real time. On the way to the
     second one it is pushed at this speed [m/s]. The film ends early if the robot falls.
     """
     figure, axes = plt.subplots(figsize=(8, 4))
@@ -433,7 +438,7 @@ def plot_tour(world, planner, speed, path):
 
 
 def save_film(figure, pictures, path, seconds):
-    """A film of what the figure shows after each of the pictures, so long; the last one stays."""
+    """Films what the figure shows after each of the pictures, for so long; the last one stays."""
     frames = []
     for _ in tqdm(pictures, unit=" pictures", leave=False):
         figure.canvas.draw()
@@ -464,9 +469,10 @@ def open_window():
 
 
 def play(world, planners, speed):
-    """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
-    After a fall it stands up again at the origin. Planners by name; p takes the next one, space is
-    a push at this speed [m/s].
+    """Lets a robot walk to where the mouse is pressed, until the window closes.
+
+    Dragging gives the goal's heading. After a fall the robot stands at the origin again. Planners
+    by name; p takes the next one, space is a push at this speed [m/s].
     """
     figure, axes = open_window()
     figure.supxlabel(
@@ -480,7 +486,7 @@ def play(world, planners, speed):
     camera = robot_model.camera_at()
 
     def ground(*place):
-        """A place in the picture as a place on the ground, x, y [m]."""
+        """The place on the floor, x, y [m], that is at a place in the picture."""
         return np.linalg.solve(camera[1:, :2], place)
 
     def press(event):
@@ -535,8 +541,8 @@ def play(world, planners, speed):
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
 def compare(results):
-    """The policy's times beside those of every other planner, see `time_ratio`; trials by (planner,
-    noise, σ of the goals).
+    """Compares the policy's times with those of every other planner, see `time_ratio`; trials by
+    (planner, noise, σ of the goals).
     """
     ratios = []
     for (name, noise, std), trials in results.items():
@@ -591,8 +597,8 @@ def number(value, form):
 
 
 def table(rows, ratios):
-    """Markdown: our rows, a table for each kind of goals; those rows by the paper's rule that the
-    paper has, too; the policy's times beside those of others. All fit into 100 columns."""
+    """Three kinds of tables in Markdown, 100 columns at most: our rows, for each kind of goals;
+    those that the paper has, too, by its rule; the policy's times compared with those of others."""
     parts, once, pairs = [], [], []
     for (goals, noise), same in itertools.groupby(rows, kind_of):
         ours = []
@@ -625,20 +631,20 @@ def table(rows, ratios):
         )
     if once:
         parts.append(
-            "By the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
+            "By the paper's rule (once at the goal). Its numbers are of another simulator:\n\n"
             + markdown("noise | planner | source | success | timeout | fall | time [s]", once)
         )
     if pairs:
         head = "goals | noise | other | ratio [95 %] | median | faster, slower | common goals"
         parts.append(
-            "Mean success time of `policy` ÷ that of another planner, over goals both reached:\n\n"
+            "Mean success time: `policy` ÷ the other planner, over the goals that both reached:\n\n"
             + markdown(head, pairs)
         )
     return "\n".join(parts)
 
 
 def kind_of(row):
-    """Which goals, and are they measured with noise: two texts."""
+    """Two texts: which goals, and whether they are measured with noise."""
     goals = f"σ {row['goal_std_m']} m" if row["goal_std_m"] else "own"
     return goals, "yes" if row["noise"] else "no"
 
@@ -648,8 +654,8 @@ MOST = 10**4  # [trials] in a block: each process takes 5 GB of memory for them
 
 
 def read_goals(path):
-    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad], as spreadsheets write it: its
-    separators are commas; or they are semicolons or tabs, and commas are decimal points."""
+    """Goals [n, 3] from a CSV file with columns x, y [m], yaw [rad], as spreadsheets write it. Its
+    separators are commas, or they are semicolons or tabs, and decimal points may be commas."""
     try:
         text = path.read_text("utf-8-sig").lower().replace(" ", "")
         head = text.partition("\n")[0]
@@ -675,7 +681,7 @@ def read_goals(path):
 
 
 def write_trials(path, blocks, results):
-    """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
+    """Writes a line for each trial; blocks: Trials by σ, results by (planner, noise, σ)."""
     head = (
         "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
         "reached_once,time_once"
@@ -696,8 +702,8 @@ def write_trials(path, blocks, results):
 
 
 def load_policy(path, world):
-    """The planner of a policy.pt, and what evaluation.json says of it. An InputError if it cannot
-    work in this world; what else differs from its training is printed.
+    """The planner of a policy.pt, and what evaluation.json says of it. Prints what differs from its
+    training. Raises an InputError if it cannot work in this world.
     """
     model, about = ppo.load_policy(path)
     fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
@@ -706,7 +712,7 @@ def load_policy(path, world):
             f"{path}: trained in {trained}; this is {world.sim} (with --mujoco mujoco, else pymunk)"
         )
     if fits["observation"] != here["observation"]:
-        raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
+        raise robot_model.InputError(f"{path}: trained with another observation; train it again")
     # How it was paid (s_d, s_a, …) makes no difference to a walk.
     found = [entry for entry in ppo.differences(fits, here) if not entry.startswith("task: s_")]
     if found:
@@ -746,8 +752,8 @@ def default_policy(sim):
 
 
 def choose_planners(world, policies=(), planners=()):
-    """Planners by row name, the facts of the first policy, and the name of the planner to be shown;
-    files of policies and planners.
+    """Planners by row name, the facts of the first policy, and the name of the planner to be shown,
+    for these files of policies and of planners.
 
     The first policy is called `policy`, all others like their file; if two would have the same
     name, the second one is called by its path.
@@ -783,8 +789,8 @@ def make_world(args, count, push=0.0, cores=None):
 
 # ------------------------------------------------------------------------ all rows of the table
 def walk_rows(args, jobs):
-    """Walks all rows in one world, and prints a line as each is done. jobs: (planner, Trials) by
-    row, which is (planner's name, noise, σ). Returns what `evaluate` does, by row."""
+    """Returns what `evaluate` does, by row, and prints a line for each row. All are of one world.
+    jobs: (planner, Trials) by row, which is (planner's name, noise, σ)."""
     results, count = {}, len([*jobs.values()][0][1].goals)
     with closing(make_world(args, count, args.push)) as world:
         for row, (planner, trials) in jobs.items():
@@ -795,7 +801,7 @@ def walk_rows(args, jobs):
 
 
 def report(row, trials):
-    """Prints what became of a row's trials."""
+    """Prints the successes and the mean time of a row."""
     name, noise, std = row
     goals, noise = kind_of({"goal_std_m": std, "noise": noise})
     success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
@@ -804,16 +810,16 @@ def report(row, trials):
 
 
 def silence():
-    """A helper prints nothing: the notes of its world are printed once already."""
+    """Lets a helper print nothing: the notes of its world have been printed once already."""
     sys.stdout = sys.stderr = open(os.devnull, "w")
 
 
 def evaluate_all(args, blocks, planners, helpers=0):
-    """Evaluates every planner in every block of Trials, with --noise once more. Returns what
-    `evaluate` does, by row: (planner's name, noise, σ). So many helpers, other processes, share the
-    work; the user's own planners walk in this process.
+    """Evaluates every planner in every block of Trials; with --noise a second time with noise.
 
-    blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
+    Returns what `evaluate` does, by row: (planner's name, noise, σ). helpers: how many other
+    processes share the work. The user's own planners run in this process. blocks: Trials by the σ
+    of their goals [m], the same number in each; the σ of the user's own goals is None.
     """
     jobs = {  # by row in the order of the table
         (name, noise, std): (planner, trials)
@@ -895,7 +901,7 @@ def main(argv=None):
     if args.far:
         blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
     count = 1 if args.play else len(figure_goals)
-    with closing(make_world(args, count, cores=1)) as world:  # for pictures: nothing pushes
+    with closing(make_world(args, count, cores=1)) as world:  # for pictures: without pushes
         planners, facts, shown = choose_planners(world, args.policy, args.planner)
         out = robot_model.output_folder(args)
         if args.play:
@@ -903,8 +909,8 @@ def main(argv=None):
             return
         helpers = robot_model.CORES - 1
         if args.sim == "mujoco" or __name__ != "__main__" or not Path(__file__).is_file():
-            # MuJoCo has threads. And a helper reads the script that runs once more: this one may
-            # be read, but another one that calls `main` would begin anew.
+            # MuJoCo has threads instead. And a helper imports the script that runs. For this file
+            # that is harmless, but another script that calls `main` would start from the beginning.
             helpers = 0
         results = evaluate_all(args, blocks, planners, helpers)
         rows = [summary(*key, trials, world.task) for key, trials in results.items()]

@@ -3,14 +3,15 @@
     python tests/studies/common.py     puts the numbers of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
-numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what they say,
-in words) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
-A finished part is written before the next one begins; --only measures one part anew.
+numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what the
+numbers say, in sentences) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png. A part is
+written as soon as it is finished; --only measures one part again.
 """
 
 import argparse
 import contextlib
 import json
+import re
 import sys
 import textwrap
 from dataclasses import replace
@@ -36,7 +37,7 @@ STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near 
 
 
 def arguments(study, argv=None, **flags):
-    """The arguments of a study; flags: {name: those of `add_argument`}. Says how long it takes."""
+    """Returns a study's arguments, and prints how long it takes; flags: see `add_argument`."""
     parser = robot_model.stage_parser(study.__doc__)
     for name, flag in flags.items():
         parser.add_argument(f"--{name}", **flag)
@@ -80,7 +81,7 @@ def publish(study, part, args):
 
 
 def read_json(path):
-    """The content of a file that a study, or stage 5, has written."""
+    """Returns the content of a file that a study, or stage 5, has written."""
     try:
         return json.loads(path.read_text("utf-8"))
     except ValueError as error:
@@ -88,7 +89,7 @@ def read_json(path):
 
 
 def work(sim, study, training):
-    """The folder of a study's training; what is finished there stays until you delete it."""
+    """Returns the folder of a study's training; what is in it stays until you delete it."""
     folder = Path("runs", sim, "studies", study, training)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -109,7 +110,7 @@ HEADS = {
     "seed": "training seed",
     "blocks": "blocks up to [m]",
     "touches": "touches a disc",
-    "time_over_way": "time ÷ (way / 0.35 m/s)",
+    "time_over_way": "time ÷ (path / 0.35 m/s)",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
     "least": "least possible [s]",
@@ -153,6 +154,12 @@ def cell(row, key, digits):
     return text
 
 
+def overlap(*intervals):
+    """Says whether intervals [low, high] have a number in common."""
+    low, high = np.transpose(intervals)
+    return "overlap" if low.max() <= high.min() else "do not overlap"
+
+
 def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
@@ -171,7 +178,12 @@ def share(part, digits=0):
 def fallen(rows, **wanted):
     """In how many of their walks the robots of the rows with these values fell: "3 of 3,000"."""
     falls, walks = (sum(values(rows, key, **wanted)) for key in ("falls", "episodes"))
-    return f"{falls} of {walks:,}"
+    return f"{falls:,} of {walks:,}"
+
+
+def fall_interval(rows, **wanted):
+    """Returns the 95 % interval of the share of falls in all walks of these rows."""
+    return evaluate.wilson(*(sum(values(rows, key, **wanted)) for key in ("falls", "episodes")))
 
 
 def fall_bars(rows):
@@ -207,7 +219,7 @@ def trainings(sim):
 
 
 def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, **settings):
-    """`with` it: a FootstepWorld for `walks`."""
+    """Returns a FootstepWorld for `walks`, to be used by `with`."""
     return contextlib.closing(kind(num_robots, sim, noise, **settings))
 
 
@@ -217,9 +229,10 @@ def without_reflex(sim):
 
 
 def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="evaluation"):
-    """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
-    A set has a goal for each robot of the world, or fewer. Seeds from 120 on judge what the studies
-    have chosen, see `seeds.py`.
+    """Returns arrays [sets · per_set] as `evaluate` does, for the seeds first, first + 1, …
+
+    A set has one goal for each robot of the world, or fewer. Seeds from 120 on judge what the
+    studies have chosen, see `seeds.py`.
     """
     parts, per_set = [], per_set or len(world.goal)
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
@@ -244,8 +257,8 @@ def row_of(ended, name, far=False, **more):
 
 
 def plot_race(robot, walks, path, every=10, more=lambda axes: None):
-    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
-    is drawn every so many ticks; more(axes) may add to it.
+    """Films walks to one goal, by planner, side by side, at twice their speed, 16 s at most. It draws
+    a picture every so many ticks; more(axes) may add to it.
     """
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
     ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
@@ -273,9 +286,9 @@ def plot_race(robot, walks, path, every=10, more=lambda axes: None):
 
 
 def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
-    """Cross-entropy method: draw candidates, keep the best ones, draw nearer to them.
+    """Cross-entropy method: try random candidates, keep the best ones, try others near them.
 
-    costs(iteration, drawn [population, n]) -> [population], to be made small; the first candidate
+    costs(iteration, drawn [population, n]) -> [population] is to be made small. The first candidate
     is the mean. sizes: iterations, population, how many are kept. Returns the last mean [n].
     """
     iterations, population, elite = sizes
@@ -283,7 +296,7 @@ def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, sta
         drawn = np.clip(mean + spread * rng.normal(size=(population, len(mean))), low, high)
         drawn[0] = mean
         best = drawn[np.argsort(costs(iteration, drawn))[:elite]]
-        # Few samples are noisy: a part of the old distribution stays.
+        # The best few are noisy, so a part of the old distribution stays.
         mean = 0.3 * mean + 0.7 * best.mean(0)
         spread = stays * spread + (1 - stays) * best.std(0)
     return mean
@@ -311,15 +324,32 @@ def readme_table(rows):
 
 
 def said(name):
-    """What a study has found, in words: {name: sentence or table}."""
+    """Returns what a study has found: {name: sentences or table}."""
     paths = RESULTS.glob(f"*/studies/{name}.json")
     return import_module(name).found({path.parts[-3]: read_json(path) for path in paths})
 
 
+def filled(text):
+    """Returns the text in lines of at most 100 characters; neither 3-D nor 16.6 s is divided."""
+    whole = re.sub(r"(\d) (?=%|[ms]\b|mm\b)", "\\1\u00a0", text)
+    return textwrap.fill(whole, 100, break_on_hyphens=False).replace("\u00a0", " ")
+
+
 def paragraphs(*sentences):
-    """Markdown of sentences; a table has an empty line before it and behind it."""
+    """Returns sentences as Markdown; a table has an empty line before it and behind it."""
     blocks = [block.strip() for block in " ".join(sentences).split("\n\n")]
-    return "\n\n".join(b if b[0] == "|" else textwrap.fill(b, 100) for b in blocks) + "\n"
+    return "\n\n".join(b if b[0] == "|" else filled(b) for b in blocks) + "\n"
+
+
+def findings(found):
+    """Returns what `said` does as Markdown; three parts or more are a list, tables come last."""
+    if len(found) < 3:
+        return paragraphs("*Found.*", *found.values())
+    tables = [part for part in found.values() if "\n\n" in part]
+    lines = [
+        filled(f"- {part}").replace("\n", "\n  ") for part in found.values() if part not in tables
+    ]
+    return "*Found.*\n" + "\n".join(lines) + "\n" + "".join("\n" + paragraphs(t) for t in tables)
 
 
 def readme_result(rows):
@@ -371,7 +401,7 @@ def readme_findings():
 
 
 def pasted(text, mark, part):
-    """The text of a page with this part behind its mark."""
+    """Returns the text of a page with this part behind its mark."""
     begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
     head, rest = text.split(begin)
     return head + begin + part + end + rest.split(end, 1)[1]
@@ -414,7 +444,7 @@ def pages():
             "found": readme_findings(),
         },
         RESULTS / "STUDIES.md": {
-            name: paragraphs("*Found.*", *said(name).values())
+            name: findings(said(name))
             for name in STUDIES
             if any(RESULTS.glob(f"*/studies/{name}.json"))  # it was measured
         },
