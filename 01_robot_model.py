@@ -1,24 +1,27 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
 Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6]. (Numbers
-of sections and references are the paper's. `tests/exercises/ledger.md` lists what it says.)
+of sections and references are the paper's. `tests/exercises/ledger.md` lists what the paper says.)
 
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 Draws the robot with its lengths (`runs/<sim>/01_standing.png`). Then 101 robots stand for a second.
-Each one leans forward within eight seconds, slowly at the beginning and at the end, to an angle of
-its own between 0.25 and 0.35 rad, and waits there for three seconds. The robot that fell at the
-smallest lean is drawn in `01_robot.png`. This takes 4 seconds; nothing is random, so `--seed`
-changes nothing here. Predict that lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the
-ankle axes) stand still. All the rest (4.93 kg) turns about the ankles; as the robot stands, its
-centre of mass is 0.0127 m ahead of these axes and 0.3993 m above them. The toes are 0.108 m ahead
-of the axes. After which turn is the centre of mass of the whole robot above the toes? On the plane
-the robot falls 0.002 rad earlier than your pencil says: even a slow lean has some speed. In 3-D a
-servo is a spring (`stiffness`), and two ankles share the load: by how much does it give way, and
-does that help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
+Each of them leans forward within eight seconds, slowly at the beginning and at the end, to an angle
+of its own between 0.25 and 0.35 rad. There it waits for three seconds. `01_robot.png` shows the
+robot that fell at the smallest lean. The stage takes 4 seconds. Nothing in it is random, so
+`--seed` changes nothing.
 
-How to read this file: down to the double rule; below it stand the simulators, then the plumbing.
+Predict this smallest lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the ankle axes) do
+not move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is
+0.0127 m ahead of the ankle axes and 0.3993 m above them. The toes are 0.108 m ahead of the axes.
+At which turn is the centre of mass of the whole robot above the toes? The planar robot falls
+0.002 rad earlier than your pencil says, because even a slow lean has some speed. In 3-D a servo is
+a spring (`stiffness`), and two ankles share the load. By how much do they give way, and does that
+help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
+
+How to read this file: read down to the double rule. Below it are the simulators, the drawing, and
+the code for the command line and for files.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -51,12 +54,12 @@ Frames: x forward, y left, z up. Angles are in radians, positive by the right-ha
 along the axis); a positive pitch turns z towards x, so the torso leans forward. All twelve joints:
 left leg, then right leg, each in the order of the table. The sagittal plane is the plane of x and
 z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its simulated pose. The
-support foot stands while the swing foot moves; the sole is the rectangle under a foot. Shapes: N
-robots, n some of them (given by their indices), T control ticks.
+support foot stays on the floor while the swing foot moves. The sole is the rectangle under a foot.
+Shapes: N robots, n some of them (given by their indices), T control ticks.
 
-Left out: arms and head (their mass is in the torso), gear play, all sensors but those of the joints
-and the IMU, the inertial measurement unit, which measures the torso's tilt and turning rates. Only
-soles touch anything.
+Left out: arms and head (their mass is in the torso), gear play, and all sensors but two: those of
+the joints, and the IMU (inertial measurement unit), which measures the torso's tilt and turning
+rates. Only the soles can touch anything.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
@@ -166,16 +169,16 @@ TEAM = RobotModel(
 
 @dataclass
 class Body:
-    """How n robots differ from the model; hidden from every planner. Stage 3 draws it (domain
-    randomization)."""
+    """How n robots differ from the model. Stage 3 chooses the values at random (domain
+    randomization), and no planner sees them."""
 
-    friction: np.ndarray  # [n] μ of the ground
+    friction: np.ndarray  # [n] μ of the floor
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
     stiction: np.ndarray  # [n, 12] [N m] dry friction
     delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
     zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
-    com: np.ndarray  # [n, 3] [m] centre of mass of the torso, off that of the model
+    com: np.ndarray  # [n, 3] [m] from the torso's centre of mass in the model to that of the robot
 
     @classmethod
     def as_model(cls, robot, n):
@@ -193,32 +196,33 @@ class Body:
 
 @dataclass
 class Trajectory:
-    """The commands for n robots in T control ticks. Sample k is the target after k ticks; sample 0
-    repeats the last target of what the robots did before."""
+    """The commands for n robots in T control ticks. Sample k is the target after k ticks. Sample 0
+    repeats the last target of the trajectory before."""
 
     joints: np.ndarray  # [n, T + 1, 12] joint targets [rad]
     trunk: np.ndarray  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
 
     @property
     def most_ticks(self):
-        """How many ticks it takes at most; a plan of stage 2 may wait."""
+        """The number of ticks that it takes at most. (A plan of stage 2 may wait.)"""
         return self.joints.shape[1] - 1
 
     def begin(self):
         """The robots begin to follow it."""
 
     def ended(self, tick):
-        """Which robots have no command left after so many ticks, [n] bool."""
+        """Which robots have no command left after this number of ticks, [n] bool."""
         return np.full(len(self.joints), tick >= self.most_ticks)
 
     def targets(self, robot, rows, tick, tilt, angular_velocity):
-        """For some rows [k] of the plan: the samples of the joint targets from now on
-        [k, ticks + 1, 12], and what is added to them [k, ticks, 12]. Every READ_EVERY ticks the
-        robot's computer asks for both. Here nothing is added (open loop); the plans of stage 2
-        answer what is measured (closed loop).
+        """The next joint targets for some rows [k] of the plan, and what is added to them.
 
-        tilt, angular_velocity [k, 2]: as measured now, roll and pitch of the torso [rad], and its
-        rates about its x and y axes [rad/s].
+        These are samples [k, ticks + 1, 12] from now on, and additions [k, ticks, 12]. The robot's
+        computer asks for them every READ_EVERY ticks. Here nothing is added (open loop). The plans
+        of stage 2 answer what is measured (closed loop).
+
+        tilt, angular_velocity [k, 2]: roll and pitch of the torso [rad] and its rates about its x
+        and y axes [rad/s], as measured now.
         """
         samples = self.joints[rows, tick : tick + READ_EVERY + 1]
         return samples, np.zeros_like(samples[:, 1:])
@@ -226,38 +230,38 @@ class Trajectory:
 
 @dataclass
 class Disturbance:
-    """What happens to n robots in T control ticks that nobody has planned."""
+    """Pushes, and errors of the IMU, that n robots meet in T control ticks. No plan knows them."""
 
-    push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; on the plane ahead of it
+    push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; planar: x ahead of the torso
     gyro_error: np.ndarray  # [n, T, 2] [rad/s] measured − true angular velocity about x and y
     tilt_error: np.ndarray  # [n, T, 2] [rad] measured − true roll and pitch
 
     @classmethod
     def none(cls, plan):
-        """During this Trajectory nobody pushes, and the IMU is exact."""
+        """No push and an exact IMU, as long as this Trajectory lasts."""
         return cls(*np.zeros((3, len(plan.joints), plan.most_ticks, 2)))
 
 
 @dataclass
 class Motion:
-    """What physics did with n robots: at the end of each of T control ticks, or at the very end.
+    """The simulated motion of n robots: at the end of each of T control ticks, or at the very end.
     If a robot needed fewer ticks than another one, its last state is repeated."""
 
     torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
-    joints: np.ndarray  # [n, T, 12] measured [rad]; joints that the plane lacks: as commanded
+    joints: np.ndarray  # [n, T, 12] measured [rad]; those that the planar robot lacks: as commanded
     angular_velocity: np.ndarray  # [n, 3] of the torso about its own axes [rad/s], at the very end
     fell: np.ndarray  # [n] bool: fell at any control tick
     ticks: np.ndarray  # [n] control ticks that it needed
 
 
 def some_rows(record, rows):
-    """The same for some of its robots: a Trajectory, a Disturbance."""
+    """A Trajectory or a Disturbance for some of its robots only."""
     values = {field.name: getattr(record, field.name) for field in fields(record)}
     arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
     return replace(record, **{name: value[rows] for name, value in arrays.items()})
 
 
-# ------------------------------------------------------------------------ poses on the ground
+# ------------------------------------------------------------------------ poses on the floor
 def wrap(angle):
     """The same angle in [−π, π) [rad]."""
     return (angle + np.pi) % (2 * np.pi) - np.pi
@@ -323,8 +327,8 @@ def leg_inverse(robot, position, foot_turn):
 
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
     ankle out of reach is moved along its line to the hip, only as far as needed; finally the angles
-    are clipped to the joint limits. It is meant for feet below their hips that tilt by less than
-    half a turn; for others it may return angles that do not make this pose.
+    are clipped to the joint limits. The function is meant for feet below their hips that tilt by
+    less than half a turn. For other feet it may return angles that do not make their pose.
 
          o hip      Thigh, shin and the vector r from the ankle to the hip form a triangle. It lies
           \          in the plane in which the leg bends; hip pitch, knee and ankle pitch turn about
@@ -385,7 +389,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     """
     if trunk.ndim < feet.ndim:
         trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
-    # Feet seen from a level frame at the trunk that turns with it  [..., 2] each
+    # Feet seen from a level frame that is at the trunk and turns with it  [..., 2] each
     seen = relative(trunk[..., GROUND], feet[..., [0, 1, 3]])
     x, y, yaw = np.moveaxis(seen, -1, 0)
     if planar:
@@ -414,7 +418,7 @@ def body_points(robot, torso, joints):
 
 
 def foot_poses(robot, torso, joints):
-    """Where the ankles are on the ground, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
+    """Where the ankles are on the floor, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
     torso [K, 6], joints [K, 12]."""
     points, turn = body_points(robot, torso, joints)
     yaw = np.arctan2(turn[..., 1, 0], turn[..., 0, 0])  # [K, 2]
@@ -422,8 +426,10 @@ def foot_poses(robot, torso, joints):
 
 
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
-    """Standing at the origin, trunk `x_offset` ahead of the feet: torso's pose [6], joints [12].
-    (Its numbers in [m] and [rad] are a first guess for this stage; stage 2 gives its own.)
+    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
+
+    The trunk is `x_offset` ahead of the feet. (The default values, in [m] and [rad], are a first
+    guess for this stage; stage 2 passes its own.)
     """
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
@@ -505,10 +511,11 @@ def main():
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
     # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds. The
-    # feet stand, so a negative ankle pitch, left and right, tilts all the rest forward.
+    # feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    print(len(leans), "robots lean forward: some seconds", flush=True)
     sim = make_sim(args.sim, len(leans), standing)
     motion = sim.run(np.arange(len(leans)), Trajectory(joints, np.zeros_like(joints[..., :6])))
     sim.close()
@@ -544,12 +551,13 @@ class Simulator:
         place(robots, body)             these robots stand at the origin; body: None, as before
         imu(robots)                     the torso's roll and pitch [n, 2] [rad], and its rates about
                                         x and y [n, 2] [rad/s]
-        advance(robots, targets, push)  some ticks of physics: states [n, ticks, …]; it keeps
-                                        `state` [N, …], that of now
+        advance(robots, targets, push)  simulates some ticks and returns their states [n, ticks, …];
+                                        `state` [N, …] becomes the newest ones
         motion(robots, plan, states, ticks)
-                                        of states [n, T + 1, …]: torso [n, T, 6], joints [n, T, 12],
-                                        the last angular velocity [n, 3], who diverged [n]
-        close()                         if it has something to end
+                                        what states [n, T + 1, …] mean: torso [n, T, 6], joints
+                                        [n, T, 12], the last angular velocity [n, 3], and which
+                                        robots diverged [n]
+        close()                         only if there is something to end
 
     where targets [n, ticks, 2, 12] are joint targets [rad] and their rates [rad/s], and push
     [n, ticks, 2] is the force on the torso [N]. Its constructor makes `state` and calls `reset`. As
@@ -576,13 +584,13 @@ class Simulator:
         self.place(robots, body)
 
     def run(self, robots, plan, disturbance=None):
-        """Let these robots [n] follow their plan, a Trajectory; returns their Motion."""
+        """Lets these robots [n] follow their plan, a Trajectory; returns their Motion."""
         robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
         plan.begin()
         states, tick, ticks = [self.state[robots][:, None]], 0, np.zeros(len(robots), int)
         while not (ended := plan.ended(tick)).all():
-            rows = np.flatnonzero(~ended)  # [k] who is still on the way
+            rows = np.flatnonzero(~ended)  # [k] whose plan goes on
             on = robots[rows]
             tilt, rates = self.imu(on)
             tilt = tilt + disturbance.tilt_error[rows, tick]
@@ -596,7 +604,7 @@ class Simulator:
             self.last[on] = now[:, -1]
             sent = np.where(self.body.delay[on, None, None, None], late, now)
             sent[:, :, 0] += self.body.zero[on, None]
-            part = np.repeat(states[-1][:, -1:], end - tick, 1)  # who has ended stays as it is
+            part = np.repeat(states[-1][:, -1:], end - tick, 1)  # the others stay as they are
             part[rows] = self.advance(on, sent, disturbance.push[rows, tick:end])
             states.append(part)
             ticks[rows] = tick = end
@@ -606,7 +614,7 @@ class Simulator:
         return Motion(torso, joints, angular_velocity, fell, ticks)
 
     def close(self):
-        """It has nothing to end."""
+        """Ends its threads, if it has any."""
 
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
@@ -620,8 +628,8 @@ def inertial(link, side=1):
 def leg_xml(robot, leg, side):
     """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
 
-    Every body has its mass, its joints (to the body around it) and, the foot, its sole: a box with
-    pos, its centre seen from the ankle, and size, half of each side [m].
+    Every body has its mass and its joints to the body around it. The foot also has its sole, a box:
+    pos is its centre seen from the ankle, size is half of each side [m].
     """
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
@@ -658,13 +666,13 @@ def mujoco_model(robot):
 
     τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
     (<position> makes the first term, the joint's damping is the second one.) A joint that the
-    ground drives backward is braked harder than the limit, as by a real motor.
+    floor drives backward is braked harder than the limit, as by a real motor.
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: speed-ups of the solver that do not pay here.
     contype 0: only the listed pairs of shapes can touch.
-    hfield: a map of heights for uneven ground; it lies below the floor until the study `kicks`
+    hfield: a map of heights for uneven floors; it lies below the floor until the study `kicks`
         raises it.
     condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
         three numbers of `friction` are for turning and rolling: condim 4 and 6.)
@@ -730,13 +738,15 @@ def euler(quaternion):
 class MujocoSim(Simulator):
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
 
-    A servo gets the target of a tick's end at its beginning, on average 5 ms early. Back-EMF lets a
-    moving joint lag behind by about as much (damping / stiffness = 5.8 ms, knee 11.1 ms): measured,
-    the knee is 4 ms late, the other joints are 1.5 ms early. The targets' rates are not used.
+    At the beginning of a tick a servo gets the target of the tick's end, which is 5 ms early on
+    average. Back-EMF makes a moving joint late by damping / stiffness: 5.8 ms, at the knee 11.1 ms.
+    Together, as measured, the knee is 4 ms late, and the other joints are 1.5 ms early. The
+    targets' rates are not used.
 
-    model: another MuJoCo model of a robot with a free joint, our twelve joints and their servos, in
-    our order, whose soles and floor touch as pairs; parts: its bodies, by name or number, to which
-    the columns of `Body.mass` belong, the torso first (ours are numbered so; 0 is the world).
+    model: another MuJoCo model. It has a free joint, our twelve joints and their servos in our
+    order, and pairs of shapes that touch, made of soles and floor. parts: its bodies, by name or
+    number, to which the columns of `Body.mass` belong, the torso first. (In our model they have the
+    numbers 1 to 9; 0 is the world.)
     """
 
     # Columns of MuJoCo's state [38]; from 20 on velocities: of the position, angular velocity about
@@ -847,7 +857,7 @@ def planar_links(robot):
 
 
 class PymunkSim(Simulator):
-    """N planar robots: pymunk in the sagittal plane, yaw and sideways beside it.
+    """N planar robots: pymunk simulates the sagittal plane; yaw and sideways motion are added.
 
     pymunk's y is our z, and its angles turn x towards y, against our pitch:
 
@@ -856,9 +866,9 @@ class PymunkSim(Simulator):
         pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Yaw ψ is a degree of freedom of its own: its rate follows the commanded one, as fast as the
-    torque that the hip's motor has and the sole's friction bears can change it (`run_yaw`).
-    Sideways follows the command and cannot fall.
+    Yaw ψ is a degree of freedom of its own. Its rate follows the commanded one; the torque of the
+    hip's motor and the friction of the sole limit how fast (`run_yaw`). Sideways the robot moves as
+    commanded, and it cannot fall to the side.
 
     Two simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
     falls linearly to zero there), and a rotor adds to the inertia of the link below its joint as
@@ -873,8 +883,8 @@ class PymunkSim(Simulator):
     def __init__(self, num_robots, standing, robot, cores=None):
         super().__init__(num_robots, standing, robot)
         self.links = planar_links(robot)
-        # r, the mean distance of the sole's points from its centre: a force F, spread evenly, can
-        # bear the torque r·μ·F.
+        # r, the mean distance of the sole's points from its centre: if a force F presses evenly on
+        # the sole, friction can bear the torque r·μ·F.
         middles = np.linspace(-0.49, 0.49, 50)  # of strips, as a share of the length or width
         length = robot.foot_front + robot.foot_back
         # all pairs of x and y  [50, 50] -> r [m]
@@ -902,7 +912,7 @@ class PymunkSim(Simulator):
         self.state[robots] = self._read(robots)
 
     def _build(self, i):
-        """A space with ground and standing robot i, the robot's seven bodies and six motors."""
+        """A space with the floor and standing robot i; the robot's seven bodies and six motors."""
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
@@ -981,9 +991,9 @@ class PymunkSim(Simulator):
         return self.state[robots, 3:4] * [0, 1], self.state[robots, 2:3] * [0, 1]
 
     def advance(self, robots, targets, push):
-        """See `Simulator`. A motor that only followed the error would lag behind a moving target:
-        add the target's rate (feedforward). So a joint arrives at the end of the tick where the
-        target is then.
+        """See `Simulator`. A motor that only followed the error would lag behind a moving target,
+        so the target's rate is added (feedforward). Then the joint is where the target is at the
+        end of each tick.
         """
         robot = self.robot
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
@@ -1057,14 +1067,15 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 
 
 def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
-    """N robots in one of SIMULATORS, standing as `stance` says, also after every reset. cores:
-    threads of MuJoCo (None: all that the machine has); on the plane it does nothing.
+    """N robots in one of SIMULATORS. At first and after every reset they stand like `standing`,
+    which `stance` returns. cores: threads of MuJoCo (None: one for each core); pymunk does not use
+    them.
     """
     return SIMULATORS[sim](num_robots, standing, robot, cores)
 
 
 # ------------------------------------------------------------------------ drawing
-# Trunk, head and nose: both ends of a line in the torso's frame [m]; the last two are only drawn.
+# Trunk, head and nose: both ends of a line in the torso's frame [m]; only pictures have a head.
 # Then colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
 UPPER_ENDS = np.array(
     [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
@@ -1078,8 +1089,9 @@ LINES = (
 
 
 def camera_at(azimuth=-60, elevation=20):
-    """It looks at the ground from these angles [°], without perspective; (-90, 0): from the right,
-    (-90, 90): from above. Its axes as rows [3, 3]: towards it, to the right, up in the picture.
+    """A camera's axes as rows [3, 3]: towards the camera, to the right, up in the picture. It looks
+    at the floor from these angles [°], without perspective; (-90, 0): from the right, (-90, 90):
+    from above.
     """
     return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
 
@@ -1093,8 +1105,9 @@ def capsule(start, end, radius):
 
 
 def draw_robots(axes, robot, torso, joints, camera):
-    """One robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as measured;
-    camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one.
+    """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as
+    measured; camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the
+    nearest one.
     """
     for k, (pose, angles) in enumerate(zip(torso, joints), 1):
         upper = pose[:3] + UPPER_ENDS @ rotation(*pose[3:]).T  # [3, 2, 3]
@@ -1111,7 +1124,7 @@ def draw_robots(axes, robot, torso, joints, camera):
 
 
 def draw_ground(axes, camera, size=2):
-    """Squares of 0.25 m on the ground, `size` [m] to every side of the origin."""
+    """Draws squares of 0.25 m on the floor, `size` [m] to every side of the origin."""
     for u in np.arange(-size, size + 0.01, 0.25):
         for line in ([u, u], [-size, size]), ([-size, size], [u, u]):
             axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
@@ -1119,8 +1132,9 @@ def draw_ground(axes, camera, size=2):
     axes.axis("off")
 
 
-def draw_way(axes, robot, goal, feet, camera):
-    """On the ground: the goal [3] and footprints [K, 2, 3], as measured (x, y, yaw of the ankles).
+def draw_way(axes, robot, goal, feet, camera, chosen=()):
+    """Draws the goal [3] and measured footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor,
+    and bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet.
 
     The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
     the prints.
@@ -1130,14 +1144,14 @@ def draw_way(axes, robot, goal, feet, camera):
     x = np.repeat([robot.foot_front, -robot.foot_back], 2)
     y = np.array([1, -1, -1, 1]) * robot.foot_width / 2
 
-    def fill(pose, outline, color, alpha):
+    def fill(pose, outline, face, alpha, edge="none"):
         points = pose[:2] + turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), color=color, alpha=alpha, lw=0, zorder=0.5)
+        axes.fill(*(camera[1:, :2] @ points.T), fc=face, alpha=alpha, ec=edge, lw=2, zorder=0.5)
 
-    for poses in feet:
+    for k, poses in enumerate([*feet, *chosen]):
         for pose, outward, color in zip(poses, (1, -1), COLORS):
             sole = np.column_stack([x, y + outward * robot.foot_outward])  # [4, 2] [m]
-            fill(pose, sole, color, 0.35)
+            fill(pose, sole, *((color, 0.35) if k < len(feet) else ("yellow", 1, color)))
     fill(goal, disc, "tab:green", 0.9)
 
 
@@ -1147,9 +1161,11 @@ class InputError(Exception):
 
 
 def check(settings, above_zero=(), may_be_negative=()):
-    """A ValueError that names a field of these settings (a dataclass), if its number is not finite,
-    or is negative and not in `may_be_negative`, or is 0 and in `above_zero`; if a float is no single
-    number, or an int no whole one."""
+    """Raises a ValueError that names a field of these settings (a dataclass) with a wrong value.
+
+    A number must be finite. It must not be negative, unless `may_be_negative` names its field, and
+    not 0 if `above_zero` names it. A float must be a single number, an int a whole one.
+    """
     for field in fields(settings):
         value = getattr(settings, field.name)
         if is_dataclass(value):
@@ -1170,7 +1186,7 @@ def check(settings, above_zero=(), may_be_negative=()):
 
 
 def check_robot(robot):
-    """A ValueError for a RobotModel that cannot be."""
+    """Raises a ValueError for a RobotModel with impossible values."""
     lengths = "thigh_length", "shin_length"
     divisors = "speed_limit", "control_dt", "substeps", "stiffness", "planar_iterations"
     check(
@@ -1185,12 +1201,12 @@ def check_robot(robot):
 
 @cache
 def note(text):
-    """Prints a note; the same one only once."""
+    """Prints a note, but the same one only once."""
     print("note:", text)
 
 
 def stage_parser(doc):
-    """The flags of every stage."""
+    """A parser with the flags that every stage has."""
     parser = ArgumentParser(description=doc, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument(
         "--mujoco",
@@ -1208,9 +1224,11 @@ def stage_parser(doc):
 
 
 def output_folder(args, *parts):
-    """The folder to write to, made if need be: --out, or these parts below runs/, or runs/<sim>. An
-    InputError if nothing can be written there, if MuJoCo is asked for and missing, or if the
-    seed is negative."""
+    """The folder to write to: --out, or these parts below runs/, or runs/<sim>. Makes it if needed.
+
+    Raises an InputError if nothing can be written there, if MuJoCo is asked for and missing, or if
+    the seed is negative.
+    """
     if args.sim == "mujoco" and importlib.util.find_spec("mujoco") is None:
         raise InputError("--mujoco needs MuJoCo: python -m pip install mujoco")
     if args.seed < 0:
@@ -1225,8 +1243,10 @@ def output_folder(args, *parts):
 
 
 def atomic_write(path, write):
-    """write(temporary file), then rename: the old file or the new one, never half of one. An
-    InputError if the disk is full, or if another program keeps the file open."""
+    """Calls write(temporary file), then renames it: `path` is never only a part of a file.
+
+    Raises an InputError if the disk is full, or if another program keeps the file open.
+    """
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
     try:
         write(temporary)
@@ -1245,22 +1265,26 @@ def atomic_write(path, write):
 
 
 def write_text(path, text):
-    """UTF-8 and plain line ends on every system."""
+    """Writes UTF-8 with plain line ends on every system."""
     data = text.encode("utf-8", errors="backslashreplace")  # a file's name may hold any byte
     atomic_write(path, lambda file: file.write_bytes(data))
 
 
 def save_figure(figure, path):
-    """Writes the figure, and frees its memory."""
+    """Writes the figure, and frees its memory. In a notebook the file is shown, too."""
     atomic_write(path, lambda file: figure.savefig(file, dpi=110))
     plt.close(figure)
+    ipython = sys.modules.get("IPython")  # nobody has imported it: this is no notebook
+    if ipython and hasattr(ipython.get_ipython(), "kernel"):
+        ipython.display.display(ipython.display.Image(filename=path))
 
 
 STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
 
 
 def interrupt(number, frame):
-    """What Ctrl-C does. While pymunk frees memory an exception would be lost: so a moment later."""
+    """Raises KeyboardInterrupt, what Ctrl-C does; a moment later if pymunk is freeing memory, where
+    the exception would be lost."""
     while frame:
         code = frame.f_code
         if "pymunk" in code.co_filename and "free" in code.co_name:
@@ -1271,9 +1295,9 @@ def interrupt(number, frame):
 
 
 def start(main):
-    """Calls a script's main(). What is no bug is one line, without a traceback: input that cannot
-    be used, and Ctrl-C; and a reader like `head` may stop reading. A notebook's own figures go on
-    as before."""
+    """Calls a script's main(). Prints one line without a traceback for what is no bug: Ctrl-C, and
+    input that cannot be used. A reader like `head` may stop reading. Afterwards a notebook shows
+    its own figures as before."""
     sys.stderr = sys.stderr or open(os.devnull, "w")  # pythonw has none
     for stream in sys.stdout, sys.stderr:
         if hasattr(stream, "reconfigure"):  # None, and those of a notebook and of IDLE, have none

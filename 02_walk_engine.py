@@ -2,37 +2,39 @@
 
 The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for
 the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation. We
-add three answers to the IMU, the paper's future work: a reflex of the ankles and, off unless you
-turn them on, steps that land where the robot leans and steps that wait (`WalkPlan`).
+add three answers to what the IMU measures (`WalkPlan`); in the paper they are future work. They are
+a reflex of the ankles, capture steps, which land where the robot leans, and waiting, which lets a
+step take longer. The last two are off unless you turn them on.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
 Prints, for four walks of eight double steps, where the robot was commanded to end and where it
-ended; draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
-1.2 cm of the command. The 3-D robot misses it by up to 0.12 m and 0.15 rad (more grip does not help:
-set `friction` to 5); a planner has to correct this. How fast and how well it can walk, on other
-floors and with other bodies, is measured (and tuned) by `python tests/studies/walk.py`. (Nothing
-is random here: `--seed` changes nothing.)
+ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
+1.2 cm of the command. The 3-D robot misses it by up to 0.12 m and 0.15 rad, and a planner has to
+correct this. (More grip does not help: set `friction` to 5.) `python tests/studies/walk.py`
+measures how fast and how well the robot walks on other floors and with other bodies, and tunes the
+walk. Nothing is random here, so `--seed` changes nothing.
 
 Then three times twelve robots are pushed forward during a walk, each of the twelve at another
-moment of the double step: in open loop; with the reflex; with the reflex, capture steps and waiting
-(`capture`, `wait`). Guess first: how many of each fall, in 3-D and on the plane? (Answers:
-`tests/exercises/predict.md`, capture. Pushed ahead, hardly a robot waits.) A push of 0.8 m/s is a force for 50 ms that would give the torso alone
-this speed, the whole robot 0.57 of it.
+moment of the double step. They walk in open loop, then with the reflex, then with the reflex, capture
+steps and waiting (`capture`, `wait`). Guess first: how many of the twelve fall each time, in 3-D and
+on the plane? (Answers: `tests/exercises/predict.md`, capture. After a push forward few robots wait.)
+A push of 0.8 m/s is a force for 50 ms. It would give the torso alone this speed, and the whole robot
+0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
-where the swing foot lands. Its zero is the swing foot's usual place: beside the other foot, at
+where the swing foot lands. (0, 0, 0) is the swing foot's usual place: beside the other foot, at
 foot_distance, with the same heading. x and y are measured along the axes of the other foot. For the
 right foot y and yaw are mirrored, so that outward is positive for both. With all zeros the robot
 steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double
 step moves the robot by 0.16 m (the first one by 0.12 m, since its left foot starts beside the right
 one). With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to the left.
 
-Predict: in 3-D the robot sways from side to side in a straight walk. How far, as a share of the way
-from the middle between the feet to the support foot? Model it as a linear inverted pendulum: all
-its mass m at a constant height h, on a massless leg that stands on the foot at distance p from the
-middle. y is the distance of the mass from the foot. The leg pushes along itself: its force has the
-vertical part m·g, and so the horizontal part m·g·y/h. Hence
+Predict: in 3-D the robot sways from side to side in a straight walk. How far, as a share of the
+distance from the middle between the feet to the support foot? Model it as a linear inverted
+pendulum: all its mass m at a constant height h, on a massless leg that stands on the foot at
+distance p from the middle. y is the distance of the mass from the foot. The leg pushes along
+itself: its force has the vertical part m·g, and so the horizontal part m·g·y/h. Hence
 
     ÿ = g/h·y   and   y(t) = y₀·cosh(√(g/h)·t)
 
@@ -45,8 +47,8 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
 towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
 P = 0.62 s, and compare the share of p with that of the tuned plan, which the stage prints. The
 centre of mass sways less than `trunk_swing` says, because the legs stay behind. `trunk_roll` adds a
-little. And the foot is no point: it may press anywhere on its sole. On the plane nothing sways, as
-the planar robot cannot fall sideways.
+little. And the foot is no point: it may press anywhere on its sole. The planar robot does not sway,
+as it cannot fall sideways.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -68,29 +70,29 @@ class WalkParameters:
     """How the robot walks; named after the parameters of [5]."""
 
     half_ticks: int  # [control ticks] of a single step
-    double_support: float  # [-] share of a single step with both feet on the ground
+    double_support: float  # [-] share of a single step with both feet on the floor
     foot_distance: float  # [m] between the ankles when standing
     foot_rise: float  # [m] apex of the swing foot
     trunk_height: float  # [m] torso frame above the soles
     trunk_phase: float  # [single steps] by which the trunk is late; between −0.5 and 0.5
     trunk_pitch: float  # [rad] forward lean
-    trunk_swing: float  # [-] share of the way from the middle to the support foot
+    trunk_swing: float  # [-] share of the distance from the middle to the support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     pitch_per_step: float  # [rad/m] lean added per metre of a single step
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
-    # How a double step answers the torso's lean; ours. With capture = wait = 0 it does not. In 3-D
-    # 1.0 and 10.0 were measured (STUDIES, kicks); on the plane they gain nothing.
+    # How a double step answers the torso's lean; ours. With capture = wait = 0 there is no answer.
+    # In 3-D the values 1.0 and 10.0 were measured (STUDIES, kicks). The planar robot gains nothing.
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
-    usual_lean: float = 0.04  # [rad] a robot that nobody pushes leans so much: not answered
+    usual_lean: float = 0.04  # [rad] a lean that comes from walking alone: not answered
     fade: float = 0.03  # [-] share of a standing foot's answer that is lost per reading
     wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
     late_lean: float = 0.06  # [rad] lean over the support foot from which on it slows down
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
-# Found by `tests/studies/walk.py --tune`, on the plane before the reflex (2026-11-21), in 3-D with
-# it (2026-11-23).
+# Found by `tests/studies/walk.py --tune`, for the planar robot without the reflex (2026-11-21), in
+# 3-D with it (2026-11-23).
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
@@ -155,20 +157,20 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(error, over, swings, old, p):
-    """Returns each foot's answer to a lean, [n, 2, 3]: how far its landing moves to the left [m], and
-    the roll and pitch [rad] that its leg adds to those of the planned trunk.
+    """Returns each foot's answer to a lean, [n, 2, 3]: how far its landing moves to the left [m],
+    and the roll and pitch [rad] that its leg adds to those of the planned trunk.
 
-    error [n, 2]: measured − planned roll and pitch [rad]; over [n]: the lean of it over the support
-    foot [rad]; swings [n, 2] bool: left, right foot, double support included; old [n, 2, 3]: the
-    answer of the last reading.
+    error [n, 2]: measured − planned roll and pitch [rad]; over [n]: its roll, positive towards the
+    support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double support
+    included; old [n, 2, 3]: the answer of the last reading.
 
     A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
-    times `capture`. The trunk, at the height h, is then h·e from where it should be. If the swing
-    leg takes the trunk to lean by e more, its sole stays nearly level, and as the whole leg moves
-    with the trunk, the foot lands h·e farther on the side to which the robot leans. There the trunk
-    is where the plan has it, seen from the new foot. (Its speed, the ẏ/ω of a capture point, is not
-    answered.) On the side of the support foot the feet would come close: the landing is moved back
-    by h·e, beside the support foot.
+    times `capture`. The trunk, at the height h, is then h·e from where it should be. So the swing
+    leg is placed as if the plan leaned by e more. Its sole stays nearly level, and the whole leg
+    moves with the trunk: the foot lands h·e farther on the side to which the robot leans. Seen
+    from the new foot, the trunk is then where the plan has it. (The trunk's speed, the ẏ/ω of a
+    capture point, is not answered.) If the robot leans to the side of the support foot, the feet
+    would come close together. So there the landing is moved back by h·e.
     """
     e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
     # y = h·e; a positive roll leans to the right, so this moves the landing to the left
@@ -180,20 +182,20 @@ def capture_step(error, over, swings, old, p):
 
 
 def waiting_pace(over, p):
-    """Returns the share of a tick by which the plan goes on in a tick, [n]; over [n]: the lean over
+    """Returns the part of a tick by which the plan advances in a tick, [n]; over [n]: the lean over
     the support foot [rad].
 
-    Let y be how far outward of the ankle the mass is, and c how far outward the point of the sole is
-    that bears it. The pendulum of the head of this file is then ÿ = ω²·(y − c), ω = √(g/h). In terms
-    of the capture point ξ = y + ẏ/ω it is ξ̇ = ω·(ξ − c): the distance from c grows as e^(ωt). So
-    if ξ is beyond the sole's edge, at most 6 cm outward, no waiting helps. If it is not, the mass
-    comes back. But until ξ = −b, b = p·(1 + tanh(ω·P/4)), where the other foot takes over, it needs
+    Let the mass be y outward of the ankle, and the point of the sole that bears it c outward. The
+    pendulum in the head of this file is then ÿ = ω²·(y − c), ω = √(g/h). For the capture point
+    ξ = y + ẏ/ω this is ξ̇ = ω·(ξ − c): its distance from c grows as e^(ωt). The sole's edge is 6 cm
+    outward. If ξ is beyond it, waiting does not help. If not, the mass comes back. The other foot
+    takes over at ξ = −b, b = p·(1 + tanh(ω·P/4)). Until then the mass needs
 
         t = ln((c + b) / (c − ξ)) / ω
 
-    With ω = 5.2/s, p = 8.2 cm and c = 6 cm a single step, 0.31 s, suffices for ξ = 2 cm; for ξ = 4
-    cm it takes 0.44 s. The robot does not measure ξ. In its place the law takes the lean: h·over is
-    how far the trunk is outward of its plan, 2.3 cm at late_lean; its speed is left out.
+    With ω = 5.2/s, p = 8.2 cm and c = 6 cm a single step, 0.31 s, suffices for ξ = 2 cm. For
+    ξ = 4 cm it takes 0.44 s. The robot does not measure ξ, so the law uses the lean instead: the
+    trunk is h·over outward of its plan, 2.3 cm at late_lean. The trunk's speed is left out.
     """
     # pace = 1 − wait·(over − late_lean), from 0 to 1
     return np.clip(1 - p.wait * (over - p.late_lean), 0, 1)
@@ -211,7 +213,7 @@ class WalkPlan(robot_model.Trajectory):
 
     feet: np.ndarray  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
     reflex_gain: np.ndarray  # [n, T, 2] [s] left, right ankle; only of the support foot
-    robots: np.ndarray  # [n] whom it is for
+    robots: np.ndarray  # [n] that follow it
     engine: object  # the WalkEngine that made it; `targets` writes to its `answer`
 
     def begin(self):
@@ -220,13 +222,13 @@ class WalkPlan(robot_model.Trajectory):
 
     @property
     def longest(self):
-        """How many ticks it may be late."""
+        """The number of ticks by which the plan may be late."""
         p = self.engine.parameters
         return p.longest_wait_ticks if p.wait else 0
 
     @property
     def most_ticks(self):
-        """How many ticks it takes at most."""
+        """The number of ticks that it takes at most."""
         return super().most_ticks + self.longest
 
     def ended(self, tick):
@@ -267,7 +269,7 @@ class WalkPlan(robot_model.Trajectory):
 
         at [k, ticks + 1]: the samples of the plan from now on; angular_velocity [k, 2]: of the torso
         about its x and y axes, as the gyro measures it now [rad/s]. If the torso turns forward
-        faster than planned, the toes of the support foot are turned down: they press on the ground,
+        faster than planned, the toes of the support foot are turned down. They press on the floor,
         which brakes the turn.
         """
         ticks = at.shape[1] - 1
@@ -288,8 +290,8 @@ class WalkPlan(robot_model.Trajectory):
 class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
-    All poses live in one fixed frame: the middle between the feet, where they stood after a reset.
-    (The origin of the simulators is where the torso stood, trunk_x_offset farther ahead.)
+    All poses are seen from one fixed frame: the middle between the feet after a reset. (The origin
+    of the simulators is where the torso was then, trunk_x_offset farther ahead.)
     """
 
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
@@ -310,8 +312,8 @@ class WalkEngine:
         soles = robot_model.body_points(robot, *self.stance)[0][:, 3:, 2]  # heights [m]
         if np.abs(soles).max() > 0.001:
             robot_model.note(
-                f"legs cannot hold the trunk {p.trunk_height} m above the ground: they reach "
-                f"{soles.max():.3f} m above it"
+                f"legs cannot hold the trunk {p.trunk_height} m above the floor: the soles "
+                f"are {soles.max():.3f} m above it"
             )
         # Where each foot usually is, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
@@ -418,7 +420,7 @@ class WalkEngine:
         return path.swapaxes(1, 2)
 
     def _swing(self, start, landing):
-        """Swing foot [n, half_ticks + 1, 4] (x, y, z, yaw): waits, rises, lands."""
+        """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw): it waits, rises, and lands."""
         wait = self.parameters.double_support * self.half
         swing = self.half - wait  # [s]
         t = np.arange(self.parameters.half_ticks + 1) * self.robot.control_dt  # [s]
@@ -464,13 +466,12 @@ def walk_plans(
     watch=None,
     **more,  # of `walkers`: robot, cores, simulate
 ):
-    """Walk N robots, which differ from the model by `body`, through K double steps [N, K, 2, 3],
-    from standing.
+    """Lets N robots, which differ from the model by `body`, walk K double steps [N, K, 2, 3].
 
     Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
     the origin), and in which double step each robot fell [N] (K: it did not fall). Before every
-    double step disturb(disturbance, robots) may change the Disturbance of these robots [n]; after
-    it watch(engine, motion) is called.
+    double step disturb(disturbance, robots) may change the Disturbance of these robots [n]. After
+    every double step watch(engine, motion) is called.
     """
     footsteps = np.asarray(footsteps)
     n, count = footsteps.shape[:2]
@@ -508,9 +509,11 @@ WALKS = {  # eight double steps each
 
 
 def pushed(sim, parameters, speed, count=12):
-    """Robots walk straight ahead for six double steps. In the second one each of them is pushed
-    forward at this speed [m/s], see `push_force`, at a moment of its own. Returns the tilt of their
-    torsos [count, T] [rad], and which of them fell [count].
+    """Lets robots walk straight ahead for six double steps, and pushes each of them once.
+
+    The push, see `push_force`, is forward, at this speed [m/s], and comes in the second double step
+    at a moment of the robot's own. Returns the tilt of the torsos [count, T] [rad], and which
+    robots fell [count].
     """
     engine, simulator = walkers(sim, count, parameters)
     robots, tilts, fell = np.arange(count), [], np.zeros(count, bool)
@@ -529,7 +532,7 @@ def pushed(sim, parameters, speed, count=12):
 
 
 def plot_push(tilts, engine, path, title):
-    """Tilt over time of all robots of `pushed`, [count, T] by the name of their answers."""
+    """Draws the tilt over time of all robots of `pushed`: [count, T] by the name of an answer."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for (name, tilt), style in zip(tilts.items(), ("C3:", "C1--", "C2-")):
         time = np.arange(tilt.shape[1]) * engine.robot.control_dt
@@ -543,7 +546,7 @@ def plot_push(tilts, engine, path, title):
 
 
 def plot_plan(engine, plan, motion, path):
-    """A robot's double step over time: trunk and soles, planned and measured."""
+    """Draws a robot's double step over time: trunk and soles, planned and measured."""
     robot, time = engine.robot, np.arange(len(plan.trunk[0])) * engine.robot.control_dt
     walked = np.arange(1, motion.ticks[0] + 1) * robot.control_dt  # longer, if it waits
     torso = motion.torso[0, :, :2] + [engine.parameters.trunk_x_offset, 0]  # plan's origin
@@ -570,7 +573,7 @@ def plot_plan(engine, plan, motion, path):
 
 
 def plot_walks(poses, commanded, path, title):
-    """The way of every walk from above: poses and commanded poses [4, K + 1, 3]."""
+    """Draws every walk from above: poses and commanded poses [4, K + 1, 3]."""
     figure, axis = plt.subplots(figsize=(9, 4.2))
     for k, (name, walked) in enumerate(zip(WALKS, poses)):
         x, y, yaw = walked.T  # an arrow points where the robot faces
@@ -598,7 +601,7 @@ def main():
     plot_plan(engine, plan, motion, out / "02_plan.png")
     mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], plan.joints[0])  # [T + 1, 3]
     share = mass[:, 1].max() / (parameters.foot_distance / 2)
-    print(f"in the plan the centre of mass sways by {share:.2f} of the way to the support foot")
+    print(f"in the plan the centre of mass sways {share:.2f} of the distance to the support foot")
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)

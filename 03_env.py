@@ -1,30 +1,30 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal or with a
-fall. To arrive is to stay: two double steps in a row must end at the goal (the paper asks for one).
+fall. To arrive is to stay: two double steps in a row must end at the goal (one in the paper).
 
     python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
-(`--mujoco` in 3-D. Both planners walk to goals that are measured without noise.) Prints what is
-observed, what an action is and how the episodes end; writes `runs/<sim>/03_rewards.png`, whose right
-panel is about noisy goals. Predict: which two reward terms have the largest positive sums for the
-hand-written planner, and which ones have negative sums? A measurement is off by 5 cm. How far off is
-an estimate from one, from five, from ten of them?
+(`--mujoco` in 3-D.) With both planners the goals are measured without noise. The stage prints what
+is observed, what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`,
+whose right panel is about noisy goals. Predict: which two reward terms have the largest positive
+sums for the hand-written planner, and which terms have negative sums? A measurement of x or y is
+off by 5 cm. How far off is an estimate made from one of them, from five, from ten?
 
-An episode is one walk, from standing to the goal, a fall or the end of the time. A planner chooses
-the actions; a policy is a planner that is learned: a function from the observation to an action. At
-the goal, or after a fall, the task is over: the episode is terminated. When only the time is up,
-the walk could go on: it is truncated. Stage 4 must tell these apart.
+An episode is one walk: from standing to the goal, to a fall or to the end of the time. A planner
+chooses the actions. A policy is a planner that is learned: a function from the observation to an
+action. At the goal, or after a fall, the task is over: the episode is terminated. When only the
+time is up, the walk could go on: the episode is truncated. Stage 4 must tell these two apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` shows it to PPO, the learning
 method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-v0") shows one robot
 of it to other libraries as a `gymnasium.Env`.
 
-The paper gives only names and captions of some parts, so we reconstructed them: the formulas and
-scalars of the reward, the encoding of the observation, the spread of goals and noise. Ours: floor
-and body are random in every episode (`Spread`: domain randomization), and no planner receives these
-values; pushes, if you ask for them; and an estimate of the goal, which combines all noisy
-measurements so far and is the same for every planner (`predict`, `correct`).
+Of some parts the paper gives only names and captions, so we reconstructed them: the formulas and
+scalars of the reward, the encoding of the observation, the spread of goals and noise. Three parts
+are ours. Floor and body are random in every episode (`Spread`: domain randomization), and no
+planner knows their values. The robot is pushed, if you ask for it. An estimate of the goal combines
+all noisy measurements so far, in the same way for every planner (`predict`, `correct`).
 
 All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
 environments and `gymnasium.make("03_env:Footsteps-v0", …)` take the same arguments.
@@ -40,6 +40,7 @@ import numpy as np
 from gymnasium.vector.utils import batch_space
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
@@ -51,7 +52,7 @@ class Task:
     """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
 
     goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours: with it the baseline takes 11 s
-    far_std_m: float = 1.0  # [m] σ of far goals: half of those in training, and `05 --far`; ours
+    far_std_m: float = 1.0  # [m] σ of far goals: half of the training's, those of `--far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
@@ -76,7 +77,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Spread:
-    """How far ground and robot may be from the model in an episode (domain randomization). All
+    """How far floor and robot may be from the model in an episode (domain randomization). All
     zeros: the model itself. All values are random, most of them uniform; sizes: our choice."""
 
     friction: float = 0.3  # [-] ± on μ
@@ -127,8 +128,8 @@ DRIFT = {"pymunk": (0.010, 0.0065, 0.001), "mujoco": (0.017, 0.015, 0.10)}
 
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
-# Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1; it is finer than d near
-# the goal and constant beyond.
+# Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these
+# change faster than d; farther than 0.5 m away they are constant.
 GOAL_TABLE = (
     ("distance d, clipped", "m", 0.0, 2.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
@@ -161,7 +162,7 @@ BOUNDS = np.array([row[2:] for row in observation_table(imu=True)], np.float32).
 
 
 def checked(name, value, *shape):
-    """The value as an array [shape]; a ValueError if it is not finite, or has another shape."""
+    """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
     array = np.array(value, float)
     if array.shape != shape or not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite numbers of shape {shape}, got {value!r:.60}")
@@ -203,8 +204,10 @@ def encode_goal(goal):
 
 
 def intermediate(goal, task=Task()):
-    """What a policy observes instead of goals [n, 3] beyond `beyond_m`: a goal `ahead_m` away in the
-    same direction, and turned there. So it learns to walk ahead, which is faster than sideways.
+    """What a policy observes instead of goals [n, 3] that are farther away than `beyond_m`.
+
+    It is a goal `ahead_m` away in the same direction, and turned to that direction. So the policy
+    learns to walk straight ahead, which is faster than sideways.
     """
     d, _, beta = polar(goal)
     ahead = np.stack([task.ahead_m * np.cos(beta), task.ahead_m * np.sin(beta), beta], -1)
@@ -231,16 +234,16 @@ def to_action(footsteps, limits):
 def potentials(goal, near_m):
     """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
     d, alpha, beta = polar(goal)
-    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So to come near with a wrong yaw
-    # costs something at first, and the turn pays it back.
+    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So a robot that comes near with a
+    # wrong yaw loses something at first, and its turn earns it back.
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
 def reward_terms(before, after, action, last_action, fall, success, task=Task(), periods=1):
-    """The scaled reward terms by name, each [n]; their sum is the reward. Costs (a fall, time, a
-    change of the steps) are negative.
+    """The scaled reward terms by name, each [n]; their sum is the reward. Costs are negative: those
+    of a fall, of time, and of a change of the steps.
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
     [0, 1]; periods [n]: how long it took, in usual double steps.
@@ -252,10 +255,10 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task(),
         Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′
 
     The first part is potential-based shaping (Ng, Harada, Russell, 1999). In a discounted sum all
-    but its ends cancel, Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0. So where Φ_T is 0 the best policy is
-    the same with it and without it: it only tells sooner what is good. The second part is a reward
-    of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is above 0, so this
-    part is never a gain. (The cost of time, s_time, alone sums up to
+    but its ends cancel, Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0. So where Φ_T is 0, the best policy
+    is the same with this part and without it: the part only tells sooner what is good. The second
+    part is a reward of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is
+    above 0, so this part is never a gain. (For comparison: the cost of time, s_time, sums up to
     0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 for a walk without end that never waits.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
@@ -275,9 +278,9 @@ def reward_terms(before, after, action, last_action, fall, success, task=Task(),
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 to 2 cm from its plan. So it pays to
-# remember: a Kalman filter. (For the yaw it pays less: in 3-D a double step is off by 0.1 rad, a
-# measurement by 0.05.) It carries along how large its error may be: the covariance P of the errors
-# of x, y and yaw, whose diagonal holds their variances.
+# remember the measurements: a Kalman filter. (For the yaw it pays less: in 3-D a double step is off
+# by 0.1 rad, a measurement by 0.05.) The filter also keeps how large its error may be: the
+# covariance P of the errors of x, y and yaw, whose diagonal holds their variances.
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
 
@@ -287,7 +290,7 @@ def predict(goal, covariance, motion, drift):
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
-    # The robot has turned, so what it sees turns back; the error of x and y, too: J = Rz(−turn)
+    # The robot has turned, so what it sees turns back. So does the error of x and y: J = Rz(−turn)
     J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3]
     # A double step that leads too far by small e = (e_x, e_y, e_yaw) moves a goal at (x, y) by
     # −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned turn moves it to the side.
@@ -315,9 +318,9 @@ def correct(goal, covariance, measured, noise):
 
 # ------------------------------------------------------------------------ the world
 # Random numbers: every robot has a generator. In each episode it makes others, one for each purpose,
-# so a planner that measures the goal twice does not change the ground: the goal, the world (ground
-# and body), the noise of the goal, that of the IMU when a planner looks, pushes, and what the
-# robot's own computer reads within a double step, gyro and tilt.
+# so a planner that measures the goal twice does not change the floor. The purposes: the goal; the
+# world (floor and body); the noise of the goal, and that of the IMU, when a planner looks; pushes;
+# the noise of gyro and tilt that the robot's own computer reads within a double step.
 GOAL, WORLD, NOISE, IMU, PUSH, GYRO, TILT = range(7)
 
 
@@ -338,20 +341,20 @@ class View:
 class FootstepWorld:
     """N robots and their N goals. `robots` are always the indices [n] of some of them.
 
-    Every robot has a random generator of its own. So N robots together do the same as each of them
-    alone. Ground and body do not depend on the planner, and the k-th measurement of a robot has the
-    same noise for all planners.
+    Every robot has a random generator of its own, so N robots together do the same as each of them
+    alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
+    noise for all planners.
     """
 
     def __init__(
         self,
         num_robots,
         sim="pymunk",
-        noise=False,  # does a planner see goal and tilt with noise?
-        push=0.0,  # [m/s] random pushes, each would give the torso alone this speed
+        noise=False,  # does a planner see goal and IMU with noise?
+        push=0.0,  # [m/s] random pushes; each would give the torso alone this speed
         walk=None,  # WalkParameters; None: TUNED of stage 2
         limits=None,  # StepLimits; None: LIMITS
-        drift=None,  # [m, m, rad] that the estimate expects; None: DRIFT
+        drift=None,  # [m, m, rad] error of a double step that the filter expects; None: DRIFT
         task=Task(),
         spread=Spread(),
         robot=robot_model.RobotModel(),
@@ -388,7 +391,7 @@ class FootstepWorld:
         self.goal = zeros(3)
         self.estimate = zeros(3)  # of the goal, seen from the robot
         self.covariance = zeros(3, 3)  # of the estimate's error, in m and rad
-        self.pose = zeros(3)  # torso on the ground, true
+        self.pose = zeros(3)  # torso on the floor, true
         self.imu = zeros(5)  # roll, pitch [rad], angular velocity [rad/s], true
         self.torso = zeros(6)  # x, y, z [m], roll, pitch, yaw [rad], true
         self.joints = zeros(12)  # [rad], true
@@ -400,10 +403,10 @@ class FootstepWorld:
         self.reset(np.arange(num_robots))
 
     def reset(self, robots, rngs=(), goals=None):
-        """Start episodes: standing at the origin.
+        """Starts episodes: these robots stand at the origin.
 
         rngs: n random generators; without them the robots go on with their own. goals [n, 3];
-        without them they are drawn.
+        without them the goals are random.
         """
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
@@ -434,9 +437,9 @@ class FootstepWorld:
         self.set_goal(robots, goals)
 
     def set_goal(self, robots, goals):
-        """Other goals [n, 3] for these robots, who walk on; x, y [m], yaw [rad] on the ground."""
+        """Sets other goals [n, 3], x, y [m], yaw [rad] in the world, for robots that walk on."""
         self.goal[robots] = goals
-        self.covariance[robots] = 1e8 * np.eye(3)  # as good as nothing is known of it
+        self.covariance[robots] = 1e8 * np.eye(3)  # nearly nothing is known of them
         self.was_inside[robots] = False
 
     def relative_goal(self, robots):
@@ -444,7 +447,7 @@ class FootstepWorld:
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
     def noisy(self, purpose, exact, robots, std):
-        """Exact values [n, k] with noise of standard deviation std [k], another one at every call."""
+        """Exact values [n, k] plus noise, new at every call, of standard deviation std [k]."""
         return np.array(
             [rng.normal(mean, std) for rng, mean in zip(self.rngs[robots, purpose], exact)]
         )
@@ -487,11 +490,11 @@ class FootstepWorld:
         errors = disturbance.gyro_error, disturbance.tilt_error  # [n, T, 2] each
         for i, push, gyro, tilt in zip(robots, disturbance.push, *errors):  # [T, 2] views
             noise = self.rngs[i, GYRO].normal(self.gyro_offset[i], self.task.imu_rad_s, (usual, 2))
-            gyro[:] = np.resize(noise, gyro.shape)  # who waits meets the first errors again
+            gyro[:] = np.resize(noise, gyro.shape)  # a robot that waits meets the first ones again
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
             if drawn < often:
                 first = int(when * (usual - ticks + 1))
-                # On the plane ahead or back, else all around.
+                # Planar: ahead or back; 3-D: in any direction
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
@@ -500,12 +503,12 @@ class FootstepWorld:
         return disturbance
 
     def step(self, actions, robots, disturb=None):
-        """One double step of these robots; actions [n, 6], clipped to [0, 1]. Before physics begins
+        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1]. Before it
         disturb(disturbance, robots) may change their Disturbance.
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], seconds [s] of this double step, reward, and reward_terms by name; and the
-        simulator's Motion. The time of a success is that of the first of the two double steps that
+        simulator's Motion. The time of a success ends with the first of the two double steps that
         ended inside.
         """
         task = self.task
@@ -548,7 +551,7 @@ class FootstepWorld:
             "fall": fall,
             "timeout": no_time & ~success & ~fall,
             "inside": inside,
-            # a success was there when this double step began
+            # a success was at the goal when this double step began
             "time": np.where(success, began, self.ticks[robots]) * self.engine.robot.control_dt,
             "seconds": motion.ticks * self.engine.robot.control_dt,
             "reward": sum(terms.values()),
@@ -558,14 +561,14 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ a picture
-def draw_scene(axes, robot, goal, feet, torso, joints):
-    """A robot on its way to a goal [3]: footprints [K, 2, 3], torso [6], joints [12]. Returns the
-    camera. What was drawn before goes.
+def draw_scene(axes, robot, goal, feet, torso, joints, chosen=()):
+    """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
+    [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen.
     """
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
-    robot_model.draw_way(axes, robot, goal, feet, camera)
+    robot_model.draw_way(axes, robot, goal, feet, camera, chosen)
     robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
     return camera
 
@@ -575,9 +578,9 @@ PICTURES = {"render_modes": ["rgb_array"], "render_fps": 2}  # one for a double 
 
 
 class FootstepVectorEnv(gym.vector.VectorEnv):
-    """N independent episodes in one call. A finished episode starts again in the SAME step.
+    """N independent episodes in one call. An ended episode starts again in the SAME step.
 
-    Then `step` returns the first observation of the next episode; the last one of the ended
+    Then `step` returns the first observation of the next episode. The last observation of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
     wrappers of observations refuse this mode. They work with
     `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)
@@ -611,11 +614,11 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.robots = np.arange(num_envs)
 
     def reset(self, *, seed=None, options=None):
-        """New episodes; robot i gets the seed + i. options["goals"] [N, 3] sets the goals."""
+        """Starts new episodes; robot i gets seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
         rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
         self.world.reset(self.robots, rngs, **(options or {}))
-        if self.staggered:  # or all time-outs of robots that cannot walk yet would come at once
+        if self.staggered:  # else all time-outs of an untrained policy would come at once
             less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
             self.world.allowed -= less * self.world.engine.period_ticks
         return self.look(self.robots), {}
@@ -625,15 +628,15 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         return self.world.look(robots).observation[:, : self.columns]
 
     def walk(self, actions):
-        """One double step; nobody starts again. infos: the result of `FootstepWorld.step` without
-        the Motion."""
+        """Simulates one double step; no episode starts again. infos: the result of
+        `FootstepWorld.step` without the Motion."""
         infos = self.world.step(actions, self.robots)
         del infos["motion"]
         terminated = infos["success"] | infos["fall"]
         return self.look(self.robots), infos["reward"], terminated, infos["timeout"], infos
 
     def step(self, actions):
-        """One double step; whose episode ended starts again. infos: also final_obs, final_info."""
+        """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
         observations, reward, terminated, truncated, result = self.walk(actions)
         ended = terminated | truncated
         if ended.any():
@@ -680,13 +683,13 @@ class FootstepEnv(gym.Env):
         self.close = self.envs.close
 
     def reset(self, *, seed=None, options=None):
-        """A new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
+        """Starts a new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
         super().reset(seed=seed)
         observations, info = self.envs.reset(seed=seed, options=options)
         return observations[0], info
 
     def step(self, action):
-        """One double step; the info holds the reward terms and how the episode ended."""
+        """Simulates one double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.walk([action])
         terms = infos.pop("reward_terms")
         info = {name: value.item() for name, value in infos.items()}
@@ -703,9 +706,10 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 # ------------------------------------------------------------------------ demonstration
 def hand_written(goal, limits):
-    """The actions [n, 6] of a planner without learning, at most half of what the limits allow, for
-    goals seen from the robot [n, 3]. Far from the goal it turns to the goal's position, near it to
-    the goal's yaw.
+    """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3].
+
+    Its steps are at most half of what the limits allow. Far from the goal the robot turns towards
+    the goal's position, near the goal to the goal's yaw.
     """
     d, alpha, beta = polar(goal)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
@@ -718,8 +722,8 @@ def hand_written(goal, limits):
 
 
 def estimate_errors(sim, seed):
-    """After 1, 2, … 15 measurements: the root mean square error of the estimate's x and y, and what
-    the filter takes it to be, [2, 15] [m]. The robots walk with the hand-written planner."""
+    """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and the
+    error that the filter claims, [2, 15] [m]. The robots walk with the hand-written planner."""
     robots, rows = np.arange(64), []
     with closing(FootstepWorld(len(robots), sim, noise=True)) as world:
         world.reset(robots, [stream("training", seed, i) for i in robots])
@@ -733,8 +737,8 @@ def estimate_errors(sim, seed):
 
 
 def plot_rewards(episode, errors, path):
-    """Left: what every reward term paid in the double steps of an episode, [K] by its name. Right:
-    errors of the estimated goal [2, K], see `estimate_errors`.
+    """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
+    and the errors of the estimated goal [2, K], see `estimate_errors` (right).
     """
     figure, (curves, estimate) = plt.subplots(1, 2, figsize=(11, 4))
     for term, values in episode.items():
@@ -780,7 +784,8 @@ def main():
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
-        infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in range(steps)]
+        bar = tqdm(range(steps), name, unit=" double steps", leave=False)
+        infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
         print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
         paid = {
@@ -800,7 +805,7 @@ def main():
 
 # ------------------------------------------------------------------------ checks
 def check_world(num_robots, sim, push, task, spread, limits, drift):
-    """A ValueError for settings of `FootstepWorld` that cannot be."""
+    """Raises a ValueError for impossible settings of `FootstepWorld`."""
     if sim not in LIMITS or num_robots < 1:
         raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
     robot_model.check(task, above_zero=("time_limit", "push_every", "near_m"))

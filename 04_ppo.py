@@ -1,26 +1,27 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable), trained with PPO, proximal policy optimization [7]. The paper used Stable-Baselines3 [8];
-here it is written out, so that every equation has a line to point at.
+variable), trained with PPO, proximal policy optimization [7]. The paper used the PPO of
+Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a line to point at.
 
     python 04_ppo.py                 250,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 of them, a lesson of two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
-    python 04_ppo.py --imu           the torso's tilt and angular velocity observed, too
+    python 04_ppo.py --imu           the policy also observes the torso's tilt and its rates
     python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
-In learning_curve.png you should see more successes, fewer time-outs and shorter times. Falls are
-rare from the start, as the most likely action of the first policy is to step on the spot. At first
-the return falls, though nothing is wrong: the first episodes are cut off after random times, so the
-short ones end first, and a short walk costs little. The policy should explore less (entropy) and be
-changed less by each update (clip fraction, KL); the critic should explain more of the variance.
+In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
+the start, as the most likely action of the first policy is to step on the spot. At first the return
+falls, though nothing is wrong: the first episodes are cut off after random times, so the short ones
+end first, and a short walk costs little. The entropy should fall, since the policy explores less.
+So should the clip fraction and the KL, since each update changes the policy less. The critic should
+explain more of the variance.
 
-While it trains, checkpoint.pt in runs/<sim>/ is what --resume continues from. At the end the stage
-writes policy.pt, learning_curve.csv and .png there. Beside the last policy it writes the first one
-(policy.start.pt) and that after a tenth of the training (policy.tenth.pt). The goal is measured
-with noise (--no-noise: exactly).
+During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. At the end the stage
+writes policy.pt, learning_curve.csv and learning_curve.png there. It also writes the policy before
+the training (policy.start.pt) and the policy after a tenth of it (policy.tenth.pt). The goal is
+measured with noise, unless you say --no-noise.
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; PPO makes its average large.
@@ -35,22 +36,22 @@ How the average changes with the policy's parameters (the policy gradient), firs
 An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
 ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
-they drop out like b. And strictly, decision t has the weight γᵗ; nearly everybody leaves it out, or
-late decisions would hardly be improved. Following this gradient makes good actions more likely and
-bad ones less.
-PPO uses a sample several times while the policy moves on, so it weights it by the ratio
+they drop out like b. And strictly, decision t has the weight γᵗ. Nearly everybody leaves this
+weight out, since late decisions would hardly be improved with it. Following this gradient makes
+good actions more likely and bad ones less.
+PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
 
-The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; (3) improve;
-(4) log. Repeat.
+The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; (3) improve the
+policy; (4) log. Repeat.
 
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
-there is no future: the sum of the later rewards is 0, and that is the truth. So it is at the goal.
-After a cut-off (truncated: the time is up) the world would have gone on; only our recording
+there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
+goal. After a cut-off (truncated: the time is up) the world would have gone on; only our recording
 stopped. A 0 there would train the critic to give walking well at 99 s the same value as lying on
 the floor. So the missing sum is replaced by V of the LAST observation of that episode
 ("bootstrapping"). The first observation of the next episode must not be used. Where a rollout ends
-within an episode, V of the observation that follows replaces the rest, too.
+within an episode, the missing sum is replaced by V of the observation that follows.
 
 Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback-Leibler divergence
 (KL), recurrent policies, normalisation of observations and rewards, GPUs.
@@ -88,14 +89,14 @@ STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """Sources: [P] the paper; [7]; [8] its default; [own] our choice, how: results/STUDIES.md, under
-    *ablations*. In parentheses: the name in [8]."""
+    """The settings, each with its source: [P] the paper; [7]; [8] its default; [own] our choice
+    (how: results/STUDIES.md, *ablations*). In parentheses: the name in [8]."""
 
     num_envs: int = 64  # N, robots that walk at the same time, `collect` (n_envs) [own]
     rollout: int = 16  # T, double steps of each robot in an update, `collect` (n_steps) [own]
     epochs: int = 10  # how often `improve` uses every sample (n_epochs) [8]
     minibatch: int = 512  # samples in a gradient step of `improve` (batch_size) [own]
-    learning_rate: float = 1e-3  # of Adam at the start; in `learn` it falls linearly to 0 [own]
+    learning_rate: float = 1e-3  # of Adam at the start; it falls linearly to 0 in `learn` [own]
     gamma: float = 0.95  # γ, discount per double step, `gae`: 20 ahead counts 0.95²⁰ = 0.36 [own]
     lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, `gae` (gae_lambda) [8]
     clip: float = 0.2  # ε of `clipped_objective` (clip_range) [7]
@@ -107,14 +108,14 @@ class PPOConfig:
     sharpest: float = 6.0  # k at the end of `learn`, see `ActorCritic`: the policy is narrow [own]
 
 
-# Of --env.
+# The settings for --env
 GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, reward_scale=0.1, sharpest=4.0)
 
 
 # ------------------------------------------------------------------------ the networks
 @contextlib.contextmanager
 def one_thread():
-    """PyTorch computes on one thread: matrices this small are slower on several."""
+    """Lets PyTorch compute on one thread: for matrices this small, several are slower."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -124,8 +125,8 @@ def one_thread():
 
 
 def mlp(sizes, last_gain):
-    """Linear layers with tanh between them; random weights as in [8]: a matrix with orthogonal rows
-    or columns of length √2."""
+    """Linear layers with tanh between them. The first weights are random as in [8]: a matrix with
+    orthogonal rows or columns of length √2."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
         linear = nn.Linear(inputs, outputs)
@@ -154,8 +155,8 @@ class ActorCritic(nn.Module):
         self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # The first policy. As the last weights are small it hardly depends on the observation, only
-        # on the bias, so we invert `policy` for that. The mode m = (α − 1) / (c − 2) should be
+        # The first policy. The last weights are small, so it depends on the bias and hardly on the
+        # observation. So we invert `policy` for the bias. The mode m = (α − 1) / (c − 2) should be
         # first_action, with the concentration c = α+β:  α − 1 = m·(c − 2),  β − 1 = (1 − m)·(c − 2)
         mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
         wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)  # first all α, then all β
@@ -170,18 +171,18 @@ class ActorCritic(nn.Module):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
         raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow
         alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
-        # 1: log π(a|s) is the sum over the last axis, a's variables
+        # 1: log π(a|s) is the sum over the last axis, the variables of an action
         return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
 
     def sample(self, obs):
-        """Actions drawn for exploration, tensors: [N, obs] -> [N, act]."""
+        """Random actions of the policy, to explore; tensors: [N, obs] -> [N, act]."""
         with torch.no_grad():
             # Exactly 0 or 1 would have an infinite log-probability.
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
     @one_thread()
     def decide(self, obs):
-        """The action without exploring (predict), arrays: [N, obs] -> [N, act]: the mean."""
+        """The action without exploring: the mean. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
         with torch.no_grad():
             # α / (α + β); the paper takes the mode, see `tests/studies/ablations.py`
             return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mean.numpy()
@@ -189,8 +190,10 @@ class ActorCritic(nn.Module):
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):
-    """(1) N robots take T steps each, from the observations obs [N, …] on: tensors [T, N, …] by
-    name (the rollout buffer), the observations to go on from, and the infos of every step.
+    """(1) Lets N robots take T steps each, from the observations obs [N, …] on.
+
+    Returns tensors [T, N, …] by name (the rollout buffer), the observations to go on from, and the
+    infos of every step.
     """
     buffer, infos = [], []
     for _ in range(steps):
@@ -245,18 +248,19 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 
 
 def clipped_objective(ratio, advantage, clip):
-    """Per sample, to be maximised; ratio ρ = π(a|s) / π_old(a|s).
+    """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s).
 
-    For a good action (A > 0) it stays constant for ρ > 1 + ε, for a bad one (A < 0) for ρ < 1 − ε:
-    there is no gradient to move the policy farther. If ρ has moved against A, the unclipped product
-    is the smaller one and keeps its gradient; hence the minimum.
+    For a good action (A > 0) the objective is constant where ρ > 1 + ε, for a bad one (A < 0) where
+    ρ < 1 − ε: there no gradient moves the policy farther. If ρ has moved against A, the unclipped
+    product is the smaller one and keeps its gradient. Hence the minimum.
     """
     # L = min(ρ·A, clip(ρ, 1 − ε, 1 + ε)·A)
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
 
 def judge(model, data, cfg):
-    """(2) Advantage, the critic's target, log π_old, each [B], B = T·N; data: tensors [T, N, …]."""
+    """(2) The advantages, the critic's targets and log π_old, [B] each, B = T·N; data: tensors
+    [T, N, …]."""
     with torch.no_grad():
         values = model.value(data["obs"])  # [T, N]
         rewards = cfg.reward_scale * data["reward"]
@@ -277,8 +281,9 @@ def judge(model, data, cfg):
 
 
 def improve(model, optimizer, data, cfg):
-    """(3) Gradient steps on a rollout (tensors [T, N, …]). Returns numbers over all samples: before
-    these steps entropy and explained_variance; after them clip_fraction, approx_kl, value_loss.
+    """(3) Takes gradient steps on a rollout, data: tensors [T, N, …]. Returns numbers over all
+    samples: from before these steps entropy and explained_variance; from after them clip_fraction,
+    approx_kl and value_loss.
     """
     advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
@@ -291,10 +296,10 @@ def improve(model, optimizer, data, cfg):
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
-            # Â = (A − mean) / std over the minibatch: is it better or worse than the others? So the
-            # actor's loss does not depend on the unit of the rewards. (The critic's does, and both
-            # gradients are limited together.) A single fall makes the std large: its −20 let the Â
-            # of all others shrink to about a fifth.
+            # Â = (A − mean) / std over the minibatch: is an action better or worse than the others?
+            # So the actor's loss does not depend on the unit of the rewards. (The critic's does,
+            # and both gradients are limited together.) A single fall makes the std large: with its
+            # −20 the Â of all others shrink to about a fifth.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -308,8 +313,8 @@ def improve(model, optimizer, data, cfg):
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
         # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. As E[ρ − 1] = 0,
-        # we may add ρ − 1: the mean is the same, and near ρ = 1, where ln ρ ≈ ρ − 1, its noise is
-        # nearly cancelled.
+        # we may add ρ − 1: the mean stays the same. Near ρ = 1 the noise of ρ − 1 nearly cancels
+        # that of −ln ρ, as there ln ρ ≈ ρ − 1.
         return {
             **before,
             "clip_fraction": outside.mean().item(),
@@ -320,9 +325,9 @@ def improve(model, optimizer, data, cfg):
 
 # ------------------------------------------------------------------------ the loop
 def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=improve):
-    """The loop, from update `first` on. After every update it yields numbers for the log, by name.
+    """Runs the loop, from update `first` on; after every update yields numbers by name.
 
-    improve(model, optimizer, data, cfg) changes the model, and returns such numbers, too.
+    improve(model, optimizer, data, cfg) changes the model, and returns some of these numbers.
     """
     obs, _ = envs.reset(seed=seed)
     for update in range(first, updates):
@@ -351,7 +356,7 @@ def train(
     improve=improve,
     **about,
 ):
-    """Trains for `total_steps` steps of all robots together; (model, rows of the log).
+    """Trains for `total_steps` steps of all robots together; returns (model, rows of the log).
 
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
     out: an existing folder, a Path; improve: see `learn`; about: is stored with the policy.
@@ -386,7 +391,7 @@ def train(
             print("the checkpoint of a stopped training: now checkpoint.previous.pt")
         first = len(rows)
         started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
-        new_seed = random_seed(seed, 1 + first)  # others than before the stop
+        new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
         torch.manual_seed(new_seed)
         log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
         bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
@@ -418,13 +423,13 @@ def train(
 
 
 def episode_means(infos):
-    """(4) Means over the episodes that ended in these steps; nan where nothing was reported."""
+    """(4) The means over the episodes that ended in these steps; nan where nothing was reported."""
     ended = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
     for info in infos:
         if "episode" not in info:
             continue
         done = info["_episode"]  # [N] whose episode has ended
-        final = info["final_info"]  # that of other environments has no outcome
+        final = info["final_info"]  # other environments do not report an outcome
         final = {"return": info["episode"]["r"], "length": info["episode"]["l"], **final}
         for name in ended.keys() & final.keys():  # "return": sum of rewards, not discounted
             counted = done & final["success"] if name == "time" else done
@@ -439,7 +444,7 @@ def random_seed(*numbers):
 
 # ------------------------------------------------------------------------ settings and files
 def check_config(cfg):
-    """A ValueError for settings with which nothing can be learned."""
+    """Raises a ValueError for settings with which nothing can be learned."""
     counts = "num_envs", "rollout", "epochs", "minibatch"
     robot_model.check(cfg, above_zero=counts)
     if not (cfg.gamma <= 1 and cfg.lam <= 1 and cfg.first_concentration > 2):
@@ -475,7 +480,7 @@ def fingerprint(world, observed):
 
 
 def differences(stored, here):
-    """["name A, here B", …] of the entries that differ in two dicts, as far as both have them."""
+    """["name A, here B", …] for the entries that two dicts share and that differ."""
     found = []
     for name in here.keys() & stored.keys():
         there = stored[name]
@@ -487,7 +492,7 @@ def differences(stored, here):
 
 
 def load_plain(path, *keys):
-    """The dict with these keys in a file of ours; foreign code in the file is never run."""
+    """The dict with these keys in a file of ours. Foreign code in the file is never run."""
     try:
         with zipfile.ZipFile(path) as file:
             whole = not file.testzip()  # PyTorch does not look at the check sums
@@ -503,7 +508,7 @@ def load_plain(path, *keys):
 
 def save_plain(path, stored):
     """Writes a dict of plain values and tensors."""
-    memory = io.BytesIO()  # first: on a full disk PyTorch's own message is a riddle
+    memory = io.BytesIO()  # not into the file: on a full disk PyTorch's own message is a riddle
     torch.save(stored, memory)
     robot_model.atomic_write(path, lambda file: file.write_bytes(memory.getvalue()))
 
@@ -527,7 +532,7 @@ def load_policy(path):
 
 
 def load_checkpoint(path, about, model, optimizer):
-    """Puts networks and Adam's state back where a training stopped; its log and its policies."""
+    """Puts networks and Adam back to where a training stopped; returns its log and its policies."""
     stored = load_plain(path, "rows", "policies", "optimizer")
     last = stored["policies"]["policy.pt"]
     if found := differences(last, about):
@@ -552,7 +557,7 @@ PANELS = {  # title and unit: columns
 
 
 def plot_learning_curve(rows, path, title):
-    """Every panel of the log: a faint dot for each update, and a running mean of a twentieth."""
+    """Draws the log: a faint dot for each update, and a running mean over a twentieth of them."""
     steps = np.array([row["steps"] / 1000 for row in rows])  # [U]
     width = max(1, len(rows) // 20)
     figure, grid = plt.subplots(2, 4, figsize=(16, 6.5))

@@ -5,7 +5,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
-    python 05_evaluate.py --gif            also a film: a race against baseline_tuned
+    python 05_evaluate.py --gif            also a film: three goals, and a push on the way
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
@@ -14,24 +14,24 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
-`results/<sim>/`; `--policy` names another file (or several). A policy that was trained with another
-walk, task or robot than those of the stages is evaluated all the same, and a note says what
-differs. The stage prints tables. Their times are those of successes: mean, median, and the time
-that 95 % of them do not exceed. It writes table.md, evaluation.json, trials.csv and footsteps.png
-(two walks without noise) to `runs/<sim>/`. Predict: the paper's policy needs half the baseline's
-time, and falls about twice as often. Does this one?
+`results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
+task or robot is evaluated, too, and a note says what differs. The stage prints tables. Their times
+are those of successes: mean, median, and the time that 95 % of them do not exceed. It writes
+table.md, evaluation.json, trials.csv and footsteps.png (two walks without noise) to `runs/<sim>/`.
+Predict: the paper's policy takes half of the baseline's time, and the robot falls about twice as
+often with it. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
-is the goal as they know it, x, y [m], yaw [rad]; with noise it is estimated from all measurements
-so far (stage 3). A planner may use nothing else; `tests/studies/search.py` is a worked example. All
+is the goal as they know it, x, y [m], yaw [rad]. With noise it is estimated from all measurements
+so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked example. All
 planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same noise
-(common random numbers), so a difference between two rows is due to the planners. `baseline` is the
-paper's, but decides once per double step; `baseline_tuned` has settings optimised for this world.
+(common random numbers). So a difference between two rows comes from the planners. `baseline` is the
+paper's, but decides once per double step. `baseline_tuned` has settings optimised for this world.
 
-How sure are we? A 95 % interval holds the true rates, those of infinitely many trials, with which
-the count in these trials is compatible. Of 100 such intervals about 95 contain the truth. A far
-trial is a near one with its goal twice as far, so 500 near and 500 far walks are 500 pairs, not
+How sure are we? The true rate is that of infinitely many trials. A 95 % interval holds all true
+rates that fit the count in these trials; of 100 such intervals about 95 contain the truth. A far
+trial is a near one with its goal twice as far. So 500 near and 500 far walks are 500 pairs, not
 1,000 independent walks. Seed 0 is for trying things: judge what you chose by another `--seed`.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
@@ -56,7 +56,8 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.animation import FuncAnimation
+from PIL import Image
+from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
@@ -70,12 +71,13 @@ PAPER = {  # Table II by (planner, noise): success | timeout | fall | success ti
     ("baseline", True): "0.910 | 0.078 | 0.012 | 11.43 ± 5.11",
 }
 FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
+FILM_GOALS = np.array([[0.9, 0.5, 1.6], [-0.3, 0.35, 3.0], [0.55, -0.25, 0.0]])  # the same
 
 
 # ------------------------------------------------------------------------ the baseline
 @dataclass(frozen=True)
 class BaselineSettings:
-    """[10] as its team configured it: cautious, for the real robot. Source: its public files."""
+    """The settings of [10] in its team's public files: cautious, for the real robot."""
 
     forward: float = 0.12  # [m/s] speed limit
     backward: float = 0.06  # [m/s]
@@ -83,7 +85,7 @@ class BaselineSettings:
     turning: float = 0.3  # [rad/s]
     gain: float = 1.0  # [1/s] speed per distance
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
-    far_m: float = 1.0  # [m] farther away it faces the goal's position
+    far_m: float = 1.0  # [m] farther away the robot turns to the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
     share: bool = False  # do both feet share a sideways distance and a turn? Ours
 
@@ -115,7 +117,7 @@ TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/base
 
 
 def velocity_command(goal, settings):
-    """Where to and how fast: goals seen from the robot [n, 3] -> v_x, v_y [m/s], ω [rad/s]."""
+    """The speeds [n, 3] to goals seen from the robot [n, 3]: v_x, v_y [m/s], ω [rad/s]."""
     d, alpha, beta = env.polar(goal)  # each [n]: distance [m], goal yaw, goal direction [rad]
     cos, sin = np.cos(beta), np.sin(beta)
     # The limits span a diamond: |v_x| / x_max + |v_y| / y_max ≤ 1. With v_x = v·cos β and
@@ -143,8 +145,8 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """
     # x: each foot lands v_x·(period/2) ahead of the other one
     # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
-    #    its share outward; the other one follows inward with the rest
-    # yaw: the same with the turn ω·period
+    #    its share, outward; the other foot follows with the rest, inward
+    # yaw: the turn ω·period is shared in the same way
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] [m, rad] to the left
     out = np.multiply(lead, way)  # of the leading foot
@@ -172,7 +174,7 @@ class BaselinePlanner:
         last = np.where(np.isnan(last), command, last)  # the first command is not filtered
         velocity = low_pass(last, command, view.period, self.settings.time_constant)
         self.velocity[view.robots] = velocity
-        lead = (1, 0.5)  # [10]: sideways only the leading foot steps, both feet turn alike
+        lead = (1, 0.5)  # [10]: only the leading foot steps sideways; both feet turn by the same
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
             span = np.subtract(view.limits.high, view.limits.low)  # [3]
             lead = (view.limits.high / span)[1:]
@@ -187,7 +189,7 @@ class PolicyPlanner:
         self.columns = model.shape["obs_dim"]  # the rows of the IMU are the last ones
 
     def reset(self, num_robots):
-        """Nothing to reset: the two previous actions are part of the observation."""
+        """Resets nothing: the two previous actions are part of the observation."""
 
     def act(self, view):
         return self.model.decide(view.observation[:, : self.columns])
@@ -196,7 +198,7 @@ class PolicyPlanner:
 # ------------------------------------------------------------------------ trials
 @dataclass
 class Trials:
-    """Where n robots should go, and what decides about their floor, body and noise."""
+    """Where n robots should go, and what their random floors, bodies and noise depend on."""
 
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: int  # of the random stream; trial i is number i in it
@@ -211,20 +213,20 @@ def draw_trials(seed, count, far=False, purpose="evaluation"):
 
 
 def evaluate(planner, world, trials, watch=None):
-    """Walk robot i to the goal of trial i, all at the same time, until each trial has ended.
+    """Lets robot i walk to the goal of trial i, all at the same time, until each trial has ended.
 
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         friction      μ of the floor
         outcome       a name in OUTCOMES
         time          [s] of a success: to the first of the two double steps that ended at the goal
         steps         double steps
-        still_there   a success, and at the goal after two more double steps in place
+        still_there   a success, and at the goal also after two more double steps in place
         reached_once  at the goal at least once (all that the paper asks for)
         time_once     [s] to that moment, or 0
     """
     n = len(trials.goals)
     everybody = np.arange(n)
-    # One generator per trial: what it draws depends neither on the planner nor on other trials.
+    # One generator per trial: its numbers depend neither on the planner nor on other trials.
     rngs = [env.stream(trials.purpose, trials.seed, trials.first + i) for i in range(n)]
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
@@ -260,21 +262,28 @@ def evaluate(planner, world, trials, watch=None):
     }
 
 
-def double_step(planner, world, robots, disturb=None):
-    """Look, decide, walk: the result of `FootstepWorld.step`. A ValueError names the planner's
-    file, if its actions are not [n, 6] in [0, 1].
+def double_step(planner, world, robots, push=(0, 0)):
+    """Looks, decides, walks: returns what `FootstepWorld.step` does. push [m/s]: of the torsos as the
+    double step begins, along the world's x and y; planar: ahead.
+
+    Raises a ValueError that names the planner's file if its actions are not [n, 6] in [0, 1].
     """
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
     actions = env.checked(name, planner.act(world.look(robots)), len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1")
+    force = env.walk_engine.push_force(world.engine.robot, np.array(push))  # [2] [N]
+
+    def disturb(disturbance, robots):
+        disturbance.push[:, : env.walk_engine.PUSH_TICKS] += force
+
     return world.step(actions, robots, disturb)
 
 
 def record(planner, world, trials):
-    """Walk and yield what physics did, a dict per trial: torso [T, 6] and joints [T, 12] at all T
-    ticks of the walk, ends [K] of its K double steps [ticks], and there the feet [K, 2, 3] (x, y,
-    yaw).
+    """Walks, and yields a dict for each trial: torso [T, 6] and joints [T, 12] at all T ticks of
+    the walk, ends [K] of its K double steps [ticks], and the feet [K, 2, 3] (x, y, yaw) at these
+    ends.
     """
     steps = [[] for _ in trials.goals]  # of every robot: torso and joints in each double step
 
@@ -300,7 +309,7 @@ def record(planner, world, trials):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval of a rate: `count` of `total` trials (Wilson score; at 0 it is wide, too)."""
+    """95 % interval of a rate: `count` of `total` trials (Wilson score; not zero wide at 0)."""
     # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
@@ -309,8 +318,10 @@ def wilson(count, total, z=1.96):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """95 % interval of a statistic of samples [n], by drawing as many again, with replacement.
-    (This is resampling, not stage 4's bootstrapping.) Samples of the same walks are drawn together.
+    """95 % interval of a statistic of samples [n], by resampling.
+
+    Many times n of the samples are chosen at random, with replacement. Samples of the same walks
+    are chosen together. (This has nothing to do with stage 4's bootstrapping.)
 
     statistic: samples [resamples, n] -> [resamples].
     """
@@ -320,7 +331,7 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def time_ratio(trials, reference):
-    """How the times of two planners compare over the goals that both reached, a dict:
+    """Compares the times of two planners over the goals that both reached; returns a dict:
 
     goals                         how many these are; without one the dict is empty
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
@@ -334,7 +345,7 @@ def time_ratio(trials, reference):
     return {
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
-        # In pairs, because both planners need long for a far goal: this cancels in the ratio.
+        # In pairs: both planners take long to a far goal, and this cancels in the ratio.
         "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)],
         "median": np.median(ours / theirs),
         "faster": np.mean(ours < theirs),
@@ -344,7 +355,7 @@ def time_ratio(trials, reference):
 
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(robot, columns, path):
-    """The paper's Fig. 3 in one scale; walks by planner (three), a list of the same goals each."""
+    """Draws the paper's Fig. 3; columns: walks to the same goals, by planner (three)."""
     figure, axes = plt.subplots(1, 3, figsize=(13.2, 4.8), sharex=True, sharey=True)
     for panel, (name, walks) in zip(axes, columns.items()):
         title = f"{name}, without noise"
@@ -370,35 +381,76 @@ def plot_footsteps(robot, columns, path):
     robot_model.save_figure(figure, path)
 
 
-def plot_race(robot, walks, path, every=10, more=lambda axes: None):
-    """Walks to one goal by planner, side by side, at twice their speed, for 16 s at most. A picture
-    is drawn every so many ticks; more(axes) may add to it.
+def pictures(axes, world, feet, motion, push):
+    """Draws what the only robot has just done, and yields the time [s] of every picture, one for
+    eight ticks.
+
+    Yellow: the footsteps that were chosen, from where the right foot stood. feet: a list of earlier
+    ones [2, 3]; those at the beginning are added. push [2]: see `double_step`. (The planar robot
+    cannot spread its legs: its left foot lands to the right of its mark.)
     """
-    last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
-    ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
-    seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
-    # A margin [m] for the robot, which is 0.8 m tall
-    (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
-    width = min(7, 10.5 / len(walks))  # [inch] of a panel
-    size = width * len(walks), width * (high - low) / (right - left) + 0.6
-    figure, axes = plt.subplots(1, len(walks), figsize=size, squeeze=False)
+    engine = world.engine
+    began = world.ticks[0] - motion.ticks[0]
+    feet += [*robot_model.foot_poses(engine.robot, motion.torso[:, 0], motion.joints[:, 0])]
+    steps = env.to_footsteps(world.actions[:1, 0], world.limits)
+    chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
+    for tick in range(0, motion.ticks[0], 8):
+        torso, joints = motion.torso[0, tick], motion.joints[0, tick]
+        camera = env.draw_scene(
+            axes, engine.robot, world.goal[0], feet[-20:], torso, joints, chosen
+        )
+        if any(push) and tick < 32:  # it lasts for 5 ticks, which nobody would see
+            tip, speed = torso[:3] + [0, 0, 0.15], math.hypot(*push)
+            way = robot_model.turned(push, torso[5] * engine.planar)
+            tail = tip - [*(0.5 / speed * way), 0]
+            style = {"color": "tab:red", "arrowprops": {"color": "tab:red"}, "ha": "center"}
+            axes.annotate(f"push: {speed:.1f} m/s", camera[1:] @ tip, camera[1:] @ tail, **style)
+        yield (began + tick) * engine.robot.control_dt
 
-    def draw(tick):
-        for panel, (name, walk) in zip(axes[0], walks.items()):
-            now = min(tick, len(walk["torso"]) - 1)
-            feet = walk["feet"][walk["ends"] <= now + 1]
-            title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
-            torso, joints = walk["torso"][now], walk["joints"][now]
-            env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
-            panel.set_title(f"{name}\n{title}", parse_math=False)
-            more(panel)
-            panel.axis([left, right, low, high])
 
-    # The last picture is repeated. So many a second: twice the robot's speed
-    film = FuncAnimation(figure, draw, [*range(0, last, every), *[last + every] * 30])
-    rate = 2 / (every * robot.control_dt)
-    robot_model.atomic_write(path, lambda file: film.save(file, "pillow", rate, dpi=75))
+def plot_tour(world, planner, speed, path):
+    """Films the robot as it walks to FILM_GOALS, one after the other, in real time. On the way to the
+    second one it is pushed at this speed [m/s]. The film ends early if the robot falls.
+    """
+    figure, axes = plt.subplots(figsize=(8, 4))
+    # To the right in the picture; on the plane ahead
+    push = robot_model.turned([speed, 0], np.pi / 6 * (not world.engine.planar))
+
+    def walk():
+        world.reset([0], [env.stream("evaluation", 0, 0)])
+        planner.reset(1)
+        feet = []
+        for k, goal in enumerate(FILM_GOALS, 1):
+            world.set_goal([0], goal)
+            for step in itertools.count():
+                pushed = push * (k == 2 and step == 2)
+                result = double_step(planner, world, np.array([0]), pushed)
+                for seconds in pictures(axes, world, feet, result["motion"], pushed):
+                    title = f"Goal {k} of {len(FILM_GOALS)}, {seconds:.1f} s."
+                    axes.set_title(f"{title} Yellow: the two footsteps just chosen")
+                    axes.axis([-0.8, 1.6, -0.32, 0.95])
+                    yield
+                if result["fall"][0] or result["timeout"][0]:
+                    return
+                if result["success"][0]:
+                    break
+
+    save_film(figure, walk(), path, 0.08)
+
+
+def save_film(figure, pictures, path, seconds):
+    """Films what the figure shows after each of the pictures, for so long; the last one stays."""
+    frames = []
+    for _ in tqdm(pictures, unit=" pictures", leave=False):
+        figure.canvas.draw()
+        frames.append(np.array(figure.canvas.buffer_rgba())[..., :3])
     plt.close(figure)
+    # All frames share 256 colours: so what stands still is stored once.
+    colors = Image.fromarray(np.concatenate(frames[::4])).quantize(method=Image.Quantize.FASTOCTREE)
+    first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]
+    film = {"save_all": True, "append_images": others, "loop": 0}
+    film["duration"] = [*[1000 * seconds] * len(others), 2000]  # [ms]
+    robot_model.atomic_write(path, lambda file: first.save(file, **film))
 
 
 # ------------------------------------------------------------------------ to play with
@@ -418,9 +470,10 @@ def open_window():
 
 
 def play(world, planners, speed):
-    """Walks to where the mouse is pressed, turned to where it is dragged, until the window closes.
-    After a fall it stands up again at the origin. Planners by name; p takes the next one, space is
-    a push at this speed [m/s].
+    """Lets a robot walk to where the mouse is pressed, until the window closes.
+
+    Dragging gives the goal's heading. After a fall the robot stands at the origin again. Planners
+    by name; p takes the next one, space is a push at this speed [m/s].
     """
     figure, axes = open_window()
     figure.supxlabel(
@@ -434,7 +487,7 @@ def play(world, planners, speed):
     camera = robot_model.camera_at()
 
     def ground(*place):
-        """A place in the picture as a place on the ground, x, y [m]."""
+        """The place on the floor, x, y [m], that is at a place in the picture."""
         return np.linalg.solve(camera[1:, :2], place)
 
     def press(event):
@@ -449,10 +502,6 @@ def play(world, planners, speed):
             world.set_goal(robots, goal)
             clock, arrived = 0, False
 
-    def disturb(disturbance, robots):
-        force = env.walk_engine.push_force(engine.robot, speed)  # [N]
-        disturbance.push[0, : env.walk_engine.PUSH_TICKS] = force * push
-
     connect = figure.canvas.mpl_connect
     connect("button_press_event", press)
     connect("button_release_event", release)
@@ -463,7 +512,7 @@ def play(world, planners, speed):
     while plt.fignum_exists(figure.number):
         if fell:
             world.reset(robots, goals=goal[None])
-            feet = np.zeros((0, 2, 3))
+            feet = []
             clock, arrived = 0, False  # [s] since the goal was set
         if "p" in keys:
             name = next(names)
@@ -472,10 +521,10 @@ def play(world, planners, speed):
         reflex ^= "r" in keys  # switched on or off
         engine.parameters = walk if reflex else replace(walk, reflex=0.0)
         angle = np.random.default_rng().uniform(-np.pi, np.pi) * (not engine.planar)
-        push = robot_model.turned([1, 0], angle) * (" " in keys)  # its direction, 0: none
-        result = double_step(planners[name], world, robots, disturb)
+        push = robot_model.turned([speed, 0], angle) * (" " in keys)  # 0: none
+        result = double_step(planners[name], world, robots, push)
         keys.clear()
-        motion, fell = result["motion"], result["fall"][0]
+        fell = result["fall"][0]
         pushes += push.any()
         falls += fell
         arrived |= result["success"][0]
@@ -484,23 +533,17 @@ def play(world, planners, speed):
             f"{name}, reflex {'on' if reflex else 'off'}: "
             f"{'arrived after ' if arrived else ''}{clock:.1f} s\n{pushes} pushes, {falls} falls"
         )
-        for torso, joints in zip(motion.torso[0, ::10], motion.joints[0, ::10]):
-            env.draw_scene(axes, engine.robot, goal, feet[-20:], torso, joints)
+        for _ in pictures(axes, world, feet, result["motion"], push):
             axes.set_title(title, parse_math=False)
-            if push.any():
-                start = torso[:3] - [*(0.4 * push), 0]
-                axes.annotate("push", camera[1:] @ torso[:3], camera[1:] @ start, arrowprops={})
             axes.axis([-1.7, 1.7, -1.0, 1.6])
-            plt.pause(0.05)  # half of the 0.1 s of ten ticks; to draw takes about the other half
-        landed = robot_model.foot_poses(engine.robot, world.torso, world.joints)
-        feet = np.concatenate([feet, landed])
+            plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
 
 
 # ------------------------------------------------------------------------ tables
 # From here on: tables, files and the command line.
 def compare(results):
-    """The policy's times beside those of every other planner, see `time_ratio`; trials by (planner,
-    noise, σ of the goals).
+    """Compares the policy's times with those of every other planner, see `time_ratio`; trials by
+    (planner, noise, σ of the goals).
     """
     ratios = []
     for (name, noise, std), trials in results.items():
@@ -555,8 +598,8 @@ def number(value, form):
 
 
 def table(rows, ratios):
-    """Markdown: our rows, a table for each kind of goals; those rows by the paper's rule that the
-    paper has, too; the policy's times beside those of others. All fit into 100 columns."""
+    """Three kinds of tables in Markdown, 100 columns at most: our rows, for each kind of goals;
+    those that the paper has, too, by its rule; the policy's times compared with those of others."""
     parts, once, pairs = [], [], []
     for (goals, noise), same in itertools.groupby(rows, kind_of):
         ours = []
@@ -589,20 +632,20 @@ def table(rows, ratios):
         )
     if once:
         parts.append(
-            "By the paper's rule (at the goal once); its numbers are of another simulator:\n\n"
+            "By the paper's rule (once at the goal). Its numbers are of another simulator:\n\n"
             + markdown("noise | planner | source | success | timeout | fall | time [s]", once)
         )
     if pairs:
         head = "goals | noise | other | ratio [95 %] | median | faster, slower | common goals"
         parts.append(
-            "Mean success time of `policy` ÷ that of another planner, over goals both reached:\n\n"
+            "Mean success time: `policy` ÷ the other planner, over the goals that both reached:\n\n"
             + markdown(head, pairs)
         )
     return "\n".join(parts)
 
 
 def kind_of(row):
-    """Which goals, and are they measured with noise: two texts."""
+    """Two texts: which goals, and whether they are measured with noise."""
     goals = f"σ {row['goal_std_m']} m" if row["goal_std_m"] else "own"
     return goals, "yes" if row["noise"] else "no"
 
@@ -612,8 +655,8 @@ MOST = 10**4  # [trials] in a block: each process takes 5 GB of memory for them
 
 
 def read_goals(path):
-    """Goals [n, 3] of a CSV file with columns x, y [m], yaw [rad], as spreadsheets write it: its
-    separators are commas; or they are semicolons or tabs, and commas are decimal points."""
+    """Goals [n, 3] from a CSV file with columns x, y [m], yaw [rad], as spreadsheets write it. Its
+    separators are commas, or they are semicolons or tabs, and decimal points may be commas."""
     try:
         text = path.read_text("utf-8-sig").lower().replace(" ", "")
         head = text.partition("\n")[0]
@@ -639,7 +682,7 @@ def read_goals(path):
 
 
 def write_trials(path, blocks, results):
-    """One line per trial; blocks: Trials by the goals' σ, results by (planner, noise, σ)."""
+    """Writes a line for each trial; blocks: Trials by σ, results by (planner, noise, σ)."""
     head = (
         "planner,noise,goal_std_m,seed,trial,x,y,yaw,mu,outcome,time,steps,still_there,"
         "reached_once,time_once"
@@ -660,8 +703,8 @@ def write_trials(path, blocks, results):
 
 
 def load_policy(path, world):
-    """The planner of a policy.pt, and what evaluation.json says of it. An InputError if it cannot
-    work in this world; what else differs from its training is printed.
+    """The planner of a policy.pt, and what evaluation.json says of it. Prints what differs from its
+    training. Raises an InputError if it cannot work in this world.
     """
     model, about = ppo.load_policy(path)
     fits, here = about["fits"], ppo.fingerprint(world, model.shape["obs_dim"])
@@ -670,7 +713,7 @@ def load_policy(path, world):
             f"{path}: trained in {trained}; this is {world.sim} (with --mujoco mujoco, else pymunk)"
         )
     if fits["observation"] != here["observation"]:
-        raise robot_model.InputError(f"{path}: trained with another observation; train it anew")
+        raise robot_model.InputError(f"{path}: trained with another observation; train it again")
     # How it was paid (s_d, s_a, …) makes no difference to a walk.
     found = [entry for entry in ppo.differences(fits, here) if not entry.startswith("task: s_")]
     if found:
@@ -716,8 +759,8 @@ def default_policy(sim):
 
 
 def choose_planners(world, policies=(), planners=()):
-    """Planners by row name, the facts of the first policy, and the name of the planner to be shown;
-    files of policies and planners.
+    """Planners by row name, the facts of the first policy, and the name of the planner to be shown,
+    for these files of policies and of planners.
 
     The first policy is called `policy`, all others like their file; if two would have the same
     name, the second one is called by its path.
@@ -753,8 +796,8 @@ def make_world(args, count, push=0.0, cores=None):
 
 # ------------------------------------------------------------------------ all rows of the table
 def walk_rows(args, jobs):
-    """Trials by row, all in one world; jobs: planner and Trials by row, (planner, noise, σ). A line
-    is printed as each is done; see `evaluate`."""
+    """Returns what `evaluate` does, by row, and prints a line for each row. All are of one world.
+    jobs: (planner, Trials) by row, which is (planner's name, noise, σ)."""
     results, count = {}, len([*jobs.values()][0][1].goals)
     with closing(make_world(args, count, args.push)) as world:
         for row, (planner, trials) in jobs.items():
@@ -765,7 +808,7 @@ def walk_rows(args, jobs):
 
 
 def report(row, trials):
-    """Prints what became of a row's trials."""
+    """Prints the successes and the mean time of a row."""
     name, noise, std = row
     goals, noise = kind_of({"goal_std_m": std, "noise": noise})
     success, time = np.mean(trials["outcome"] == "success"), np.mean(trials["time"])
@@ -774,16 +817,16 @@ def report(row, trials):
 
 
 def silence():
-    """A helper prints nothing: the notes of its world are printed once already."""
+    """Lets a helper print nothing: the notes of its world have been printed once already."""
     sys.stdout = sys.stderr = open(os.devnull, "w")
 
 
 def evaluate_all(args, blocks, planners, helpers=0):
-    """Every planner in every block of Trials, with --noise once more: trials by row, which is
-    (planner, noise, σ). So many helpers, other processes, share the work; the user's own planners
-    walk in this process.
+    """Evaluates every planner in every block of Trials; with --noise a second time with noise.
 
-    blocks: Trials by the σ of their goals [m], equally many each; None: goals of the user's own.
+    Returns what `evaluate` does, by row: (planner's name, noise, σ). helpers: how many other
+    processes share the work. The user's own planners run in this process. blocks: Trials by the σ
+    of their goals [m], the same number in each; the σ of the user's own goals is None.
     """
     jobs = {  # by row in the order of the table
         (name, noise, std): (planner, trials)
@@ -797,9 +840,11 @@ def evaluate_all(args, blocks, planners, helpers=0):
     here = {row: job for row, job in jobs.items() if row in parts[0] or row not in ours}
     spawn = multiprocessing.get_context("spawn")  # the same on every system
     pool = ProcessPoolExecutor(max(1, helpers), spawn, silence)
+    others = multiprocessing.active_children()  # a user's planner may have processes, too
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # helpers inherit it: Ctrl-C is for us
     futures = [pool.submit(walk_rows, args, part) for part in parts[1:]]
     signal.signal(signal.SIGINT, before)
+    started = [child for child in multiprocessing.active_children() if child not in others]
     try:
         results = walk_rows(args, here)
         for part, future in zip(parts[1:], futures):
@@ -812,7 +857,7 @@ def evaluate_all(args, blocks, planners, helpers=0):
             results |= found
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
-        for process in multiprocessing.active_children():
+        for process in started:
             process.terminate()
     return {row: results[row] for row in jobs}
 
@@ -844,7 +889,11 @@ def main(argv=None):
         help="Evaluate the class Planner of these files, too.",
     )
     add("--robot", type=Path, help="Walk with the robot of this file: its ROBOT, WALK and LIMITS.")
-    add("--gif", action="store_true", help="Draw a film of a race, too (a minute).")
+    add(
+        "--gif",
+        action="store_true",
+        help="Draw a film of a walk to three goals of ours, too (a minute).",
+    )
     add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
     args = parser.parse_args(argv)
     if not 1 <= args.episodes <= MOST:
@@ -860,7 +909,7 @@ def main(argv=None):
     if args.far:
         blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
     count = 1 if args.play else len(figure_goals)
-    with closing(make_world(args, count, cores=1)) as world:  # for pictures: nothing pushes
+    with closing(make_world(args, count, cores=1)) as world:  # for pictures: without pushes
         planners, facts, shown = choose_planners(world, args.policy, args.planner)
         out = robot_model.output_folder(args)
         if args.play:
@@ -868,8 +917,8 @@ def main(argv=None):
             return
         helpers = robot_model.CORES - 1
         if args.sim == "mujoco" or __name__ != "__main__" or not Path(__file__).is_file():
-            # MuJoCo has threads. And a helper reads the script that runs once more: this one may
-            # be read, but another one that calls `main` would begin anew.
+            # MuJoCo has threads instead. And a helper imports the script that runs. For this file
+            # that is harmless, but another script that calls `main` would start from the beginning.
             helpers = 0
         results = evaluate_all(args, blocks, planners, helpers)
         rows = [summary(*key, trials, world.task) for key, trials in results.items()]
@@ -896,8 +945,7 @@ def main(argv=None):
         walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
-            race = {name: own[-1] for name, own in walks.items()}
-            plot_race(world.engine.robot, race, out / "animation.gif")
+            plot_tour(world, planners[shown], args.push or 0.8, out / "animation.gif")
     film = " and animation.gif" * args.gif
     print(
         f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"

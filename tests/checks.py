@@ -13,7 +13,7 @@ BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
 equal = np.testing.assert_array_equal
 
 
-def close(got, want, hint="", atol=1e-6, rtol=1e-7):
+def close(got, want, hint="", atol=1e-9, rtol=1e-7):
     """Arrays are alike; else numpy says after the hint where they are not."""
     np.testing.assert_allclose(got, want, rtol, atol, err_msg=hint)
 

@@ -314,9 +314,9 @@ def test_inverse_pulls_a_pose_out_of_reach_along_the_line_from_the_hip():
             points, got = robot_model.leg_points(ROBOT, joints)
             want = position / np.linalg.norm(position) * reach
             said = f"{position}: {hint} that points at the wish is the nearest pose"
-            close(points[2], want, said)
-            close(got, foot, "the foot is turned as commanded")
-            close(joints[3], knee)
+            close(points[2], want, said, atol=1e-6)
+            close(got, foot, "the foot is turned as commanded", atol=1e-6)
+            close(joints[3], knee, atol=1e-6)
 
 
 def test_inverse_never_returns_nan_and_never_leaves_the_joint_limits():

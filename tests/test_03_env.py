@@ -216,10 +216,10 @@ def test_actions_and_footsteps_are_inverse(sim):
         shares, want = -low / (high - low), np.zeros(6)
         shares[k], want[k] = share, low[k] + share * (high[k] - low[k])
         got = np.ravel(env.to_footsteps(np.broadcast_to(shares, 6), limits))
-        close(got, want, f"{SHARES} (for {shares.round(3)})")
+        close(got, want, f"{SHARES} (for {shares.round(3)})", atol=1e-6)
     narrow = env.StepLimits((-0.1, 0.02, -0.3), (0.3, 0.02, 0.3))
     got = env.to_action(np.broadcast_to([0.0, 0.02, 0.0], (2, 3)), narrow)
-    close(got, [0.25, 0.5, 0.5] * 2, "to_action: where low = high there is no choice, 0.5")
+    close(got, [0.25, 0.5, 0.5] * 2, "to_action: low = high leaves no choice, 0.5", atol=1e-6)
     drawn = rng.uniform(limits.low, limits.high, (1000, 2, 3))
     frozen(drawn)
     action = env.to_action(drawn, limits)
@@ -229,6 +229,7 @@ def test_actions_and_footsteps_are_inverse(sim):
         env.to_footsteps(action, limits),
         drawn,
         "to_action is the inverse: what is within the limits is walked as asked for",
+        atol=1e-6,
     )
     some = action[:6].reshape(2, 3, 6)
     assert env.to_footsteps(some, limits).shape == (2, 3, 2, 3), "actions [..., 6], any [...]"

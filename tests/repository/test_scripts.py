@@ -11,6 +11,7 @@ import sys
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import matplotlib.image
 import numpy as np
@@ -170,6 +171,27 @@ def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatc
     names["robot_model"].save_figure(names["figure"], tmp_path / "walk.png")  # and closes it
     check_picture(tmp_path / "walk.png")
     assert names["walk"]["ending"].startswith("success")
+
+
+def test_a_notebook_shows_a_figure_when_it_is_written(tmp_path, monkeypatch):
+    shown, display = [], ModuleType("IPython.display")
+    display.Image, display.display = (lambda filename: filename), shown.append
+    ipython = ModuleType("IPython")
+    ipython.display, ipython.get_ipython = display, lambda: None
+    robot_model = import_module("01_robot_model")
+
+    def save():
+        robot_model.save_figure(robot_model.plt.figure(), tmp_path / "one.png")
+        return [path for path in shown if path.is_file()]
+
+    assert save() == [], "nobody has imported IPython"
+    monkeypatch.setitem(sys.modules, "IPython", ipython)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    assert save() == [], "a script that imports IPython is no notebook"
+    ipython.get_ipython = lambda: SimpleNamespace()
+    assert save() == [], "nor is IPython in a terminal, which has no kernel"
+    ipython.get_ipython = lambda: SimpleNamespace(kernel=True)
+    assert save() == [tmp_path / "one.png"]
 
 
 @pytest.mark.parametrize("script, arguments, mention", [

@@ -2,9 +2,9 @@
 
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
-robots: more of them, as many double steps in all, one seed.
-long: the shipped training, deciding by its mean and by its mode, and one as long without the
-reflex; their walks are pushed, too.
+robots: trainings with more robots, the same double steps in all, and one seed.
+long: the shipped policy, deciding by its mean and by its mode, and a policy that was trained as
+long without the reflex. They are compared with and without pushes.
 """
 
 import json
@@ -27,7 +27,7 @@ def log_std(concentration):
 
 
 class GaussianActor(ppo.ActorCritic):
-    """The usual choice instead of the Beta. The environment clips its action; π is not clipped."""
+    """A normal distribution, the usual choice. The environment clips its actions, not π."""
 
     def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
         super().__init__(obs_dim, act_dim, hidden)
@@ -79,7 +79,7 @@ class ModePlanner(evaluate.PolicyPlanner):
 
 
 def judged(planner, sim, walk=None):
-    """A row for 250 near and 250 far noisy goals."""
+    """The row of a planner for 250 near and 250 far goals with noise."""
     with common.world(sim, num_robots=GOALS // 2, walk=walk) as world:
         ended = common.near_and_far(planner, world)
     return evaluate.summary("policy", True, None, ended, env.Task())
@@ -117,7 +117,7 @@ def learn(sim, name, seed, steps):
 
 
 def study_short(args, names, seeds=SEEDS):
-    """One training after the other."""
+    """Rows of all these trainings, made one after the other."""
     rows = []
     for name, seed in product(names, seeds):
         path = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}") / "row.json"
@@ -133,8 +133,8 @@ BY_MODE = "reference, by its mode"
 
 
 def study_long(args):
-    """The shipped training by both rules, and one with its seed without the reflex: 1,000 walks for
-    every row.
+    """Rows, 1,000 walks each: the shipped policy by both rules, and one of the same seed that was
+    trained without the reflex.
     """
     folder = common.RESULTS / args.sim
     model, about = ppo.load_policy(folder / "policy.pt")
@@ -167,7 +167,7 @@ LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "c
 
 
 def table(found, sim):
-    """Every training."""
+    """Markdown of every training."""
     columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
     long = {"goal_std_m": 1} | LONG
     return common.sections(found, {"ablations": columns, "robots": columns, "long": long})
@@ -182,24 +182,27 @@ def found(data):
         return [np.mean(values(rows, key, variant=name)) for name in names]
 
     arrived = dict(zip(VARIANTS, means("ablations", "success", VARIANTS)))
-    distance = share(arrived.pop("without r_d"))
+    distance, least = share(arrived.pop("without r_d")), min(arrived.values())
+    shown = {key: digits for key, digits in LONG.items() if key != "push"}
     usual, blind = (
         share(values(long, "fall", goal_std_m=1.0, push=0.4, variant=name), 1)
         for name in ("reference", BLIND)
     )
     return {
-        "rewards": f"On the plane {distance} of the walks arrive without the reward for distance; in "
-        f"the worst of the other variants {share(min(arrived.values()))} do.",
-        "sharpening": "The walks take {0:.1f} s with a Beta policy and {3:.1f} s if it is not "
-        "sharpened; {1:.1f} s with a Gaussian one and {2:.1f} s if it is not sharpened.".format(
-            *means("ablations", "time_mean", [*VARIANTS][:4])
+        "rewards": "On the plane, after short trainings without the reward for distance, the robot "
+        f"arrives in {distance} of the walks. After those of every other variant it arrives in "
+        f"{'all' if least == 1 else f'at least {share(least)}'} of them.",
+        "sharpening": "With a Beta policy the walks take {0:.1f} s, and {3:.1f} s if it is not "
+        "sharpened. With a Gaussian policy they take {1:.1f} s, and {2:.1f} s if it is not "
+        "sharpened.".format(*means("ablations", "time_mean", [*VARIANTS][:4])),
+        "robots": "After one training of the same 25,600 double steps the walks take {:.1f} s with "
+        "64 robots, {:.1f} s with 256, and {:.1f} s with 256 and rollouts of 4.".format(
+            *means("robots", "time_mean", ROBOTS)
         ),
-        "robots": "After as many double steps they take {:.1f} s with 64 robots, {:.1f} s with 256, "
-        "and {:.1f} s with 256 and rollouts of 4.".format(*means("robots", "time_mean", ROBOTS)),
-        "blind": f"Trained without the reflex, a policy falls in {blind} of 1,000 pushed walks to "
-        f"other far goals; trained with it, in {usual}.",
-        "long": "Long trainings in 3-D, on the way to far goals:\n\n"
-        + common.table(pick(long, goal_std_m=1.0), LONG),
+        "blind": "If the reflex is off in training and walk, the robot falls in "
+        f"{blind} of 1,000 far walks with pushes. If it is on in both, the robot falls in {usual}.",
+        "long": "The long trainings in 3-D were judged by 1,000 far walks each, with pushes of 0.4 "
+        "m/s:\n\n" + common.table(pick(long, goal_std_m=1.0, push=0.4), shown),
     }
 
 

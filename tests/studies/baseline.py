@@ -1,14 +1,16 @@
-"""How good can planners get that do not learn? All their settings optimised, by one method.
+"""How good can planners get that do not learn? One method optimises all their settings.
 
     python tests/studies/baseline.py [--mujoco] [--only PART] [--out FOLDER]
 
 paper: the paper's baseline, with which the others are compared.
-baseline_tuned: the same controller; both feet share its steps.
+baseline_tuned: the same controller, but both feet share its steps.
 expert: `tests/exercises/expert.py`.
-Cross-entropy method on the logarithms of eight settings, for one price of a fall after the other:
-each search begins where the last one has ended. These ends and the settings in use walk to 2,000
-other goals, and pushed to 1,000 far ones; `choose` decides.
-policy: the trainings on the same walks. The figure shows what speed costs each of them in falls.
+policy: the trained policies on the same walks. The figure shows times and falls of all.
+
+The cross-entropy method searches the logarithms of eight settings, for one price of a fall after
+the other. Each search begins where the last one has ended. These ends, and the settings from which
+the first search began, are compared on 2,000 other goals, and with pushes on the 1,000 far ones.
+`choose` decides which to take.
 """
 
 import sys
@@ -29,9 +31,9 @@ WALKS = 48  # near ones and as many far ones, for every candidate
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICES = (50.0, 100.0, 200.0, 400.0)  # [s] of one fall per walk; of a time-out a quarter
 PUSH = 0.4  # [m/s]
-LEAVING = 50.0  # [s] of one walk in which it does not stay, beyond the paper's; our choice
+LEAVING = 50.0  # [s] price of leaving the goal again, if more often than the paper's; our choice
 MAX_FALLS, MAX_PUSHED = 0.005, 0.05  # share of the walks; of those with pushes
-LESS = 0.01  # by how much less it may stay than the paper's: 2,000 trials cannot tell this apart
+LESS = 0.01  # so much less often than the paper's it may stay: 2,000 walks cannot show this
 Settings = evaluate.BaselineSettings
 TUNED = [name for name in vars(Settings()) if name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
@@ -49,21 +51,21 @@ def expert_of(settings):
 
 
 def tuning(planner, world, seed, count):
-    """The facts of so many near and as many far walks of the tuning, with noise."""
+    """The facts of `count` near and `count` far walks of the tuning, with noise."""
     more = {"first": seed, "per_set": count, "purpose": "tuning"}
     return facts(common.near_and_far(planner, world, **more))
 
 
 def facts(ended):
-    """What counts of some walks, plain numbers."""
+    """The numbers that count of some walks, by name."""
     row = common.row_of(ended, "")
     shares = {name: row[name] for name in evaluate.OUTCOMES}
     return shares | {"time": row["time_mean"], "still_there": row["still_there"]}
 
 
 def final(world, planner):
-    """The facts of a planner on 2,000 noisy trials; pushed: share of falls in the 1,000 far ones,
-    if it is pushed there.
+    """The facts of a planner in 2,000 walks with noise; pushed: the share of falls in the 1,000 far
+    ones with pushes.
     """
     others = {"sets": SETS, "first": 101, "purpose": "tuning"}
     calm = common.near_and_far(planner, world, **others)
@@ -73,7 +75,7 @@ def final(world, planner):
 
 
 def cost(row, paper, price=PRICES[2]):
-    """What the search makes small [s]: time, falls, and staying less often than the paper's."""
+    """What the search makes small [s]: time, the price of falls, and that of leaving the goal."""
     if row["time"] is None:
         return 100.0
     leaves = max(0.0, paper["still_there"] - row["still_there"])
@@ -81,7 +83,7 @@ def cost(row, paper, price=PRICES[2]):
 
 
 def optimise(world, planner_of, start, paper):
-    """All candidates' rows, and the settings where it ends for each price."""
+    """The rows of all candidates, and the settings in which the search ends for each price."""
 
     def plain(x):
         return np.exp(x).round(4).tolist()
@@ -105,7 +107,7 @@ def optimise(world, planner_of, start, paper):
 
 
 def choose(rows, paper):
-    """The best of these facts, and by which rule; paper: facts of the paper's baseline."""
+    """The best of these rows, and the rule that chose it; paper: facts of the paper's baseline."""
     safe = [
         row
         for row in sorted(rows, key=lambda row: row["time"] or np.inf)
@@ -120,7 +122,7 @@ def choose(rows, paper):
 
 
 def searched(args, planner_of, names, now):
-    """The whole search, from the settings on that are in use now, values by `names`."""
+    """The whole search, from the settings on that are in use, `now`, in the order of `names`."""
     paper = common.read_json(args.out / "baseline.json")["paper"]
     with common.world(args.sim) as world:
         tried, ends = optimise(world, planner_of, now, paper)
@@ -145,19 +147,19 @@ def study_paper(args):
 
 
 def study_tuned(args):
-    """The settings TUNED of stage 05."""
+    """The search for TUNED_BASELINE of stage 5."""
     now = evaluate.TUNED_BASELINE[args.sim]
     return searched(args, tuned_of, TUNED, [getattr(now, name) for name in TUNED])
 
 
 def study_expert(args):
-    """The constants of the expert; they are those of 3-D."""
+    """The search for the constants of the expert; they are those for 3-D."""
     now = expert.Settings()
     return searched(args, expert_of, EXPERT, [*now.top, *now.change, now.together, now.gain])
 
 
 def study_policy(args):
-    """The trainings on the same walks."""
+    """Rows of the trained policies on the same walks."""
     with common.world(args.sim) as world:
         rows = [
             {"seed": seed, **final(world, planner)}
@@ -191,7 +193,7 @@ def table(found, sim):
 
 
 def plot(found, sim):
-    """Time over falls, without pushes and with them: what speed costs."""
+    """Draws time over falls, without pushes and with them: what speed costs."""
     figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
     for axis, (key, title) in zip(axes, titles.items()):
@@ -221,12 +223,12 @@ def found(data):
     (by_hand,) = pick(parts["expert"]["finalists"], chosen=True)
     times, falls = (values(parts["policy"]["rows"], key) for key in ("time", "fall"))
     return {
-        "tuned": f"In 3-D `baseline_tuned` needs {tuned['time']:.1f} s for near and far goals "
-        f"together, the paper's settings {parts['paper']['time']:.1f} s.",
-        "expert": f"`expert` needs {by_hand['time']:.2f} s and falls in "
-        f"{share(by_hand['fall'], 2)}; on the same goals the trainings of the policy need "
-        f"{min(times):.2f} to {max(times):.2f} s and fall in {share(min(falls), 2)} to "
-        f"{share(max(falls), 2)}.",
+        "tuned": "In 3-D, near and far goals together, the paper's controller takes "
+        f"{parts['paper']['time']:.1f} s on average, and `baseline_tuned` {tuned['time']:.1f} s.",
+        "expert": f"`expert` takes {by_hand['time']:.2f} s. With it the robot falls in "
+        f"{share(by_hand['fall'], 2)} of {parts['expert']['trials']:,} walks. On the same goals "
+        f"the policies of {len(times)} trainings take {min(times):.2f} to {max(times):.2f} s. With "
+        f"them the robot falls in {share(min(falls), 2)} to {share(max(falls), 2)} of the walks.",
     }
 
 

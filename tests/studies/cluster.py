@@ -1,14 +1,15 @@
-"""Can more machines teach one policy? Ray actors hold the robots, and stage 04 trains as it is.
+"""Can more machines teach one policy? Ray actors simulate the robots, and stage 4 trains as it is.
 
     python -m pip install ray==2.60.0
     python tests/studies/cluster.py --mujoco --steps 250000 --seed 0 --out runs/cluster
     python tests/studies/cluster.py --mujoco --evaluate runs/cluster/policy.pt --out runs/cluster
     python tests/studies/cluster.py --mujoco --only speed       what Ray costs
 
-An actor is an object in a process of its own, on any machine of a Ray cluster; calls of its methods
-travel there, and results come back. Here an actor holds a part of the robots. `Cluster` stands in
-front of all of them and looks to stage 04 like `FootstepVectorEnv`. Robots have their own random
-generators, so it does not matter where they walk: the policy is the same, bit for bit.
+An actor is an object in a process of its own, on any machine of a Ray cluster. Calls of its methods
+travel there, and results come back. Here each actor simulates a part of the robots. `Cluster` talks
+to all actors, and to stage 4 it looks like a `FootstepVectorEnv`. Every robot has a random
+generator of its own, so it does not matter where it is simulated: the policy is the same, bit for
+bit.
 
 Without --address Ray starts on this machine, for this run only. results/STUDIES.md has the commands
 for several machines.
@@ -27,8 +28,8 @@ import gymnasium as gym
 import numpy as np
 from common import ROOT, env, evaluate, ppo, robot_model
 
-DURATION = "to train as long as stage 04; --only speed: 2 minutes"
-TOLD = "success", "fall", "timeout", "time"  # what stage 04 asks of an ended episode
+DURATION = "a training takes as long as in stage 4; --only speed: 2 minutes"
+TOLD = "success", "fall", "timeout", "time"  # what stage 4 asks of an ended episode
 BLOCK = 250  # trials that a process walks at a time
 SHORT = 8_192  # double steps, to compare and to measure the speed
 
@@ -53,7 +54,7 @@ class Part:
 
 
 class Cluster(gym.vector.VectorEnv):
-    """N robots over so many actors: the same numbers as those of a staggered `FootstepVectorEnv`."""
+    """N robots shared among some actors; it returns what a staggered `FootstepVectorEnv` does."""
 
     metadata = env.FootstepVectorEnv.metadata
 
@@ -61,7 +62,7 @@ class Cluster(gym.vector.VectorEnv):
         import ray
 
         with closing(env.FootstepVectorEnv(1, cores=1, **settings)) as one:
-            self.world = one.world  # of which stage 04 writes down the settings
+            self.world = one.world  # stage 4 stores its settings
             self.neutral_action = one.neutral_action
             self.single_observation_space = one.single_observation_space
             self.single_action_space = one.single_action_space
@@ -71,7 +72,7 @@ class Cluster(gym.vector.VectorEnv):
         self.parts = [remote.remote(len(share), settings) for share in shares]
 
     def ask(self, method, *arrays):
-        """The answers of all actors, who work at the same time. Each gets its robots' part of the
+        """The answers of all actors, which work at the same time. Each gets its robots' part of the
         arrays.
         """
         import ray
@@ -88,7 +89,7 @@ class Cluster(gym.vector.VectorEnv):
     def reset(self, *, seed, options=None):
         """See `FootstepVectorEnv.reset`; there are no options."""
         super().reset(seed=seed)
-        # Drawn here, as stage 03 draws it for all robots together
+        # Here, since stage 3 makes these random numbers for all robots together
         less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
         seeds = seed + np.arange(self.num_envs)
         return np.concatenate(self.ask("reset", seeds, less)), {}
@@ -115,7 +116,7 @@ class Cluster(gym.vector.VectorEnv):
 
 
 def connect(actors, address=None):
-    """Ray, on this machine or on the cluster at that address; it takes the stages along."""
+    """Connects to Ray on this machine, or to the cluster at that address; Ray copies the stages."""
     try:
         import ray
     except ImportError as error:
@@ -132,7 +133,7 @@ def connect(actors, address=None):
 
 
 def train(args):
-    """A whole training: policy.pt and its learning curve, as stage 04 writes them."""
+    """Trains a policy; writes policy.pt and the learning curve as stage 4 does."""
     connect(args.actors, args.address)
     make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True)
     settings = args.out, args.steps, args.seed, args.resume
@@ -142,13 +143,13 @@ def train(args):
 
 
 def walk_block(planner, sim, noise, trials):
-    """The trials of a block, in a process anywhere."""
+    """Walks the trials of a block, in a process anywhere."""
     with closing(env.FootstepWorld(len(trials.goals), sim, noise, cores=1)) as world:
         return evaluate.evaluate(planner, world, trials)
 
 
 def walk_all(args):
-    """The policy's walks of stage 05's --noise, in blocks over the cluster; table, trials.csv."""
+    """Walks as stage 5 --noise does, the policy only, in blocks on the cluster."""
     import ray
 
     connect(args.actors, args.address)
@@ -170,7 +171,7 @@ def walk_all(args):
 
 
 def study_speed(args):
-    """A short training by stage 04 alone, then with 1, 2 and 4 actors on this machine."""
+    """Rows of short trainings: by stage 4 alone, and with 1, 2 and 4 actors on this machine."""
     connect(4)
     rows = []
     for actors in (0, 1, 2, 4):
@@ -186,7 +187,7 @@ def study_speed(args):
             alone = weights
         rows.append(
             {
-                "training": f"actors: {actors}" if actors else "stage 04 alone",
+                "training": f"{actors} actor{'s' * (actors > 1)}" if actors else "stage 4 alone",
                 "double_steps_per_second": SHORT / seconds,
                 "equal": ppo.torch.equal(weights, alone),
             }
@@ -206,12 +207,12 @@ def table(found, sim):
 def found(data):
     """Sentences by name, from the numbers of both simulators."""
     rows = data["mujoco"]["speed"]["rows"]
-    told = (f"{row['double_steps_per_second']:.0f} ({row['training']})" for row in rows)
+    told = (f"{row['training']} {row['double_steps_per_second']:.0f}" for row in rows)
     equal = all(common.values(rows, "equal"))
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
-        f"stage 04 alone, bit for bit.",
-        "speed": f"Double steps per second in 3-D, on one machine: {', '.join(told)}.",
+        f"stage 4 alone, bit for bit.",
+        "speed": f"Double steps per second in 3-D on one machine: {', '.join(told)}.",
     }
 
 
@@ -224,7 +225,7 @@ def main(argv=None):
         actors={"type": int, "default": robot_model.CORES, "help": "processes with robots"},
         address={"help": "of a running cluster; else Ray starts here"},
         resume={"action": "store_true", "help": "continue a stopped training"},
-        evaluate={"type": Path, "metavar": "POLICY", "help": "walk as stage 05 does"},
+        evaluate={"type": Path, "metavar": "POLICY", "help": "walk as stage 5 does"},
         episodes={"type": int, "default": 10_000, "help": "how many goals"},
         only={"choices": PARTS, "help": "measure this"},
     )

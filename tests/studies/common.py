@@ -3,20 +3,22 @@
     python tests/studies/common.py     puts the numbers of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
-numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what they say,
-in words) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png.
-A finished part is written before the next one begins; --only measures one part anew.
+numbers, or a dict with `rows` and more), `table` (Markdown of all numbers), `found` (what the
+numbers say, in sentences) and mostly `plot`. It writes NAME.json, NAME.md and NAME.png. A part is
+written as soon as it is finished; --only measures one part again.
 """
 
 import argparse
 import contextlib
 import json
+import re
 import sys
 import textwrap
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib.pyplot as plt
 import numpy as np
 from tqdm import tqdm
 
@@ -35,7 +37,7 @@ STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near 
 
 
 def arguments(study, argv=None, **flags):
-    """The arguments of a study; flags: {name: those of `add_argument`}. Says how long it takes."""
+    """Returns a study's arguments, and prints how long it takes; flags: see `add_argument`."""
     parser = robot_model.stage_parser(study.__doc__)
     for name, flag in flags.items():
         parser.add_argument(f"--{name}", **flag)
@@ -81,7 +83,7 @@ def publish(study, part, args):
 
 
 def read_json(path):
-    """The content of a file that a study, or stage 5, has written."""
+    """Returns the content of a file that a study, or stage 5, has written."""
     try:
         return json.loads(path.read_text("utf-8"))
     except ValueError as error:
@@ -89,7 +91,7 @@ def read_json(path):
 
 
 def work(sim, study, training):
-    """The folder of a study's training; what is finished there stays until you delete it."""
+    """Returns the folder of a study's training; what is in it stays until you delete it."""
     folder = Path("runs", sim, "studies", study, training)
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -110,7 +112,7 @@ HEADS = {
     "seed": "training seed",
     "blocks": "blocks up to [m]",
     "touches": "touches a disc",
-    "time_over_way": "time ÷ (way / 0.35 m/s)",
+    "time_over_way": "time ÷ (path / 0.35 m/s)",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
     "least": "least possible [s]",
@@ -160,6 +162,12 @@ def cell(row, key, digits):
     return text
 
 
+def overlap(*intervals):
+    """Says whether intervals [low, high] have a number in common."""
+    low, high = np.transpose(intervals)
+    return "overlap" if low.max() <= high.min() else "do not overlap"
+
+
 def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
@@ -178,7 +186,12 @@ def share(part, digits=0):
 def fallen(rows, **wanted):
     """In how many of their walks the robots of the rows with these values fell: "3 of 3,000"."""
     falls, walks = (sum(values(rows, key, **wanted)) for key in ("falls", "episodes"))
-    return f"{falls} of {walks:,}"
+    return f"{falls:,} of {walks:,}"
+
+
+def fall_interval(rows, **wanted):
+    """Returns the 95 % interval of the share of falls in all walks of these rows."""
+    return evaluate.wilson(*(sum(values(rows, key, **wanted)) for key in ("falls", "episodes")))
 
 
 def fall_bars(rows):
@@ -214,7 +227,7 @@ def trainings(sim):
 
 
 def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, **settings):
-    """`with` it: a FootstepWorld for `walks`."""
+    """Returns a FootstepWorld for `walks`, to be used by `with`."""
     return contextlib.closing(kind(num_robots, sim, noise, **settings))
 
 
@@ -224,9 +237,10 @@ def without_reflex(sim):
 
 
 def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="evaluation"):
-    """Arrays [sets · per_set] as of `evaluate`: walks to the goals of the seeds first, first + 1, …
-    A set has a goal for each robot of the world, or fewer. Seeds from 120 on judge what the studies
-    have chosen, see `seeds.py`.
+    """Returns arrays [sets · per_set] as `evaluate` does, for the seeds first, first + 1, …
+
+    A set has one goal for each robot of the world, or fewer. Seeds from 120 on judge what the
+    studies have chosen, see `seeds.py`.
     """
     parts, per_set = [], per_set or len(world.goal)
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
@@ -250,10 +264,39 @@ def row_of(ended, name, far=False, **more):
     return {**more, **evaluate.summary(name, True, STD[far], ended, env.Task())}
 
 
-def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
-    """Cross-entropy method: draw candidates, keep the best ones, draw nearer to them.
+def plot_race(robot, walks, path, every=10, more=lambda axes: None):
+    """Films walks to one goal, by planner, side by side, at twice their speed, 16 s at most. It draws
+    a picture every so many ticks; more(axes) may add to it.
+    """
+    last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
+    ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
+    seen = np.concatenate(ways) @ robot_model.camera_at()[1:, :2].T  # in the picture
+    # A margin [m] for the robot, which is 0.8 m tall
+    (left, low), (right, high) = seen.min(0) - [0.3, 0.2], seen.max(0) + [0.3, 0.9]
+    width = min(5.3, 8 / len(walks))  # [inch] of a panel
+    size = width * len(walks), width * (high - low) / (right - left) + 0.6
+    figure, axes = plt.subplots(1, len(walks), figsize=size, squeeze=False)
 
-    costs(iteration, drawn [population, n]) -> [population], to be made small; the first candidate
+    def pictures():
+        for tick in [*range(0, last, every), last + every]:
+            for panel, (name, walk) in zip(axes[0], walks.items()):
+                now = min(tick, len(walk["torso"]) - 1)
+                feet = walk["feet"][walk["ends"] <= now + 1]
+                title = walk["ending"] if now < tick else f"{now * robot.control_dt:.1f} s"
+                torso, joints = walk["torso"][now], walk["joints"][now]
+                env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
+                panel.set_title(f"{name}\n{title}", parse_math=False)
+                more(panel)
+                panel.axis([left, right, low, high])
+            yield
+
+    evaluate.save_film(figure, pictures(), path, every * robot.control_dt / 2)
+
+
+def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
+    """Cross-entropy method: try random candidates, keep the best ones, try others near them.
+
+    costs(iteration, drawn [population, n]) -> [population] is to be made small. The first candidate
     is the mean. sizes: iterations, population, how many are kept. Returns the last mean [n].
     """
     iterations, population, elite = sizes
@@ -261,7 +304,7 @@ def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, sta
         drawn = np.clip(mean + spread * rng.normal(size=(population, len(mean))), low, high)
         drawn[0] = mean
         best = drawn[np.argsort(costs(iteration, drawn))[:elite]]
-        # Few samples are noisy: a part of the old distribution stays.
+        # The best few are noisy, so a part of the old distribution stays.
         mean = 0.3 * mean + 0.7 * best.mean(0)
         spread = stays * spread + (1 - stays) * best.std(0)
     return mean
@@ -269,78 +312,104 @@ def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, sta
 
 def readme_table(rows):
     """README's table from the rows of evaluation.json: with noise; far goals for those who race."""
-    order, lines = ("policy", "expert", "baseline_tuned", "search", "baseline"), []
-    columns = {"success": 3, "falls": 0, "time_mean": 1, "still_there": 2}
+    order, lines, shown = ("policy", "expert", "baseline_tuned", "search", "baseline"), [], []
+    columns = {"time_mean": 1, "falls": 0, "still_there": 2}
     for far, std in STD.items():
         for name in order[:3] if far else order:
             (row,) = pick(rows, noise=True, goal_std_m=std, planner=name)
+            shown.append(row)
             cells = (cell(row, *column) for column in columns.items())
-            lines.append(f"{'far' if far else 'near'}, σ {std} m | `{name}` | {' | '.join(cells)}")
-    head = "goals | planner | arrived [95 % interval] | falls | time [s] | still there"
-    return evaluate.markdown(head, lines)
+            lines.append(f"{'far' if far else 'near'} | `{name}` | {' | '.join(cells)}")
+    worst = min(shown, key=lambda row: row["success"])
+    rate = share(worst["success"], 1)
+    many = "All" if worst["success"] == 1 else f"At least {rate} of the"
+    arrived = (
+        f"{many} {worst['episodes']} walks of each row succeed (95 % interval: from "
+        f"{share(worst['success_ci95'][0], 1)} on)."
+    )
+    table = evaluate.markdown("goals | planner | time [s] | falls | still there", lines)
+    return f"{table}\n{paragraphs(arrived)}"
 
 
 def said(name):
-    """What a study has found, in words: {name: sentence or table}."""
+    """Returns what a study has found: {name: sentences or table}."""
     paths = RESULTS.glob(f"*/studies/{name}.json")
     return import_module(name).found({path.parts[-3]: read_json(path) for path in paths})
 
 
+def filled(text):
+    """Returns the text in lines of at most 100 characters; neither 3-D nor 16.6 s is divided."""
+    whole = re.sub(r"(\d) (?=%|[ms]\b|mm\b)", "\\1\u00a0", text)
+    return textwrap.fill(whole, 100, break_on_hyphens=False).replace("\u00a0", " ")
+
+
 def paragraphs(*sentences):
-    """Markdown of sentences; a table has an empty line before it and behind it."""
+    """Returns sentences as Markdown; a table has an empty line before it and behind it."""
     blocks = [block.strip() for block in " ".join(sentences).split("\n\n")]
-    return "\n\n".join(b if b[0] == "|" else textwrap.fill(b, 100) for b in blocks) + "\n"
+    return "\n\n".join(b if b[0] == "|" else filled(b) for b in blocks) + "\n"
+
+
+def findings(found):
+    """Returns what `said` does as Markdown; three parts or more are a list, tables come last."""
+    if len(found) < 3:
+        return paragraphs("*Found.*", *found.values())
+    tables = [part for part in found.values() if "\n\n" in part]
+    lines = [
+        filled(f"- {part}").replace("\n", "\n  ") for part in found.values() if part not in tables
+    ]
+    return "*Found.*\n" + "\n".join(lines) + "\n" + "".join("\n" + paragraphs(t) for t in tables)
 
 
 def readme_result(rows):
-    """README's second paragraph; rows of evaluation.json."""
-    policy, paper, tuned, by_hand = (
+    """README's result in words, the policy's worst number last; rows of evaluation.json."""
+    policy, by_hand, tuned, paper = (
         values(rows, "time_mean", planner=name, noise=True, goal_std_m=STD[False])[0]
-        for name in ("policy", "baseline", "baseline_tuned", "expert")
+        for name in ("policy", "expert", "baseline_tuned", "baseline")
     )
+    still, still_by_hand = (
+        share(values(rows, "still_there", planner=name, noise=True, goal_std_m=STD[True])[0])
+        for name in ("policy", "expert")
+    )
+    # The distance of a goal with x, y ~ N(0, σ²) has a Rayleigh distribution, of mean σ·√(π/2).
+    distance = STD[False] * np.sqrt(np.pi / 2)  # [m]
     return paragraphs(
-        f"**Result.** In 3-D, with noise, the policy reaches near goals in {policy:.1f} s on "
-        f"average. The paper's controller takes {paper:.1f} s in the same world, and "
-        f"{tuned:.1f} s after tuning, and the best planner that we could write by hand "
-        f"{by_hand:.1f} s.",
-        said("seeds")["pooled"],
+        f"**Result.** In 3-D, with noisy sensors, the learned policy reaches near goals "
+        f"({distance:.1f} m away on average) in {policy:.1f} s. The best planner that we could write "
+        f"by hand (`expert`) takes {by_hand:.1f} s. The paper's controller takes {tuned:.1f} s when it "
+        f"is tuned for this world, and {paper:.1f} s with the settings of its authors. "
+        f"{said('seeds')['pooled']} Two double steps after it has reached a far goal, the policy is "
+        f"still there in {still} of the walks, and `expert` in {still_by_hand}."
     )
 
 
 def readme_findings():
-    """README's list of what we found."""
+    """README's list of what we found: at most six, of at most three numbers a sentence."""
     shipped = read_trials(RESULTS / "mujoco" / "trials.csv")
     policy, tuned, expert = (
         together([shipped[name, True, std] for std in STD.values()])
         for name in ("policy", "baseline_tuned", "expert")
     )
 
-    def against(other, name):
+    def saved(other):
         ratio = evaluate.time_ratio(policy, other)
-        return (
-            f"it needs {ratio['time_ratio']:.2f} of the time of `{name}` on average, and "
-            f"{ratio['median']:.2f} in the median; it is faster in {share(ratio['faster'])} of "
-            f"the walks, slower in {share(ratio['slower'])}, and as fast in the others."
-        )
+        low, high = (share(1 - bound) for bound in ratio["time_ratio_ci95"][::-1])
+        return f"{share(1 - ratio['time_ratio'])} (95 % interval: {low} to {high})"
 
-    seeds, kicks, walk = map(said, ("seeds", "kicks", "walk"))
+    seeds, kicks = map(said, ("seeds", "kicks"))
     lines = [
-        f"*The reflex keeps the robot up.* {kicks['pushed']} {kicks['blocks']} "
-        f"{said('ablations')['blind']}",
-        f"*Against the tuned controller* {against(tuned, 'baseline_tuned')}",
-        f"*Against the best planner that we could write by hand* {against(expert, 'expert')} "
-        f"{seeds['safety']}",
-        f"*The seed of a training matters little.* {seeds['trainings']}",
-        f"*Far away.* {seeds['distances']}",
+        f"*Learning saves time.* On the same goals, near and far, the policy takes less time than "
+        f"the tuned controller by {saved(tuned)}. It takes less time than `expert` by {saved(expert)}.",
+        f"*Falls.* {seeds['safety']}",
+        f"*Distance.* {seeds['distances']}",
+        f"*The reflex keeps the robot up.* {kicks['pushed']}",
         f"*The estimate is as good as it claims.* {seeds['estimate']}",
-        f"*Worse sensors.* {kicks['slow']} {kicks['gyro']}",
-        f"*The feet drag.* {walk['clearance']}",
+        f"*Errors that last.* {kicks['slow']}",
     ]
     return "".join(f"- {line}\n" for line in lines)
 
 
 def pasted(text, mark, part):
-    """The text of a page with this part behind its mark."""
+    """Returns the text of a page with this part behind its mark."""
     begin, end = f"<!-- {mark} -->\n", "<!-- end -->"
     head, rest = text.split(begin)
     return head + begin + part + end + rest.split(end, 1)[1]
@@ -384,7 +453,7 @@ def pages():
             "found": readme_findings(),
         },
         RESULTS / "STUDIES.md": {
-            name: paragraphs("*Found.*", *said(name).values())
+            name: findings(said(name))
             for name in STUDIES
             if any(RESULTS.glob(f"*/studies/{name}.json"))  # it was measured
         },

@@ -1,14 +1,15 @@
-"""Can a planner that knows nothing of obstacles walk around them? By a chain of intermediate goals.
+"""Can a robot walk around obstacles that its planner does not see? By intermediate goals.
 
     python tests/studies/obstacles.py [--mujoco] [--only PART] [--out FOLDER]
 
-Discs stand on the ground (the paper's outlook, section IV). The shortest way around them is computed
-once, from the true start on the true map: over the corners of polygons around the discs, inflated by
-MARGIN (a visibility graph). Its corners are the intermediate goals. On the way the robot knows only
-the noisy estimate of its next goal, as always, also to decide when it is near enough to take the one
-after it. So any planner stands behind the chain, unchanged.
-A walk touches if, at any time, a sole or the torso's column comes over a disc (a swinging foot,
-too). Beside it the same goals without discs.
+Discs lie on the floor (the paper's outlook, section IV). The shortest path around them is computed
+once, from the true start on the true map. It leads over the corners of polygons around the discs,
+inflated by MARGIN (a visibility graph). Its corners are the intermediate goals. On its way the
+robot knows only the noisy estimate of its next goal, as always. By this estimate it also decides
+when to take the goal after it. So any planner works with such a chain, unchanged.
+
+A walk touches a disc if, at any time, a sole or the torso's column comes over it. (A swinging foot
+counts, too.) For comparison the robot walks to the same goals without discs.
 """
 
 from dataclasses import dataclass
@@ -25,17 +26,17 @@ SEED = 0  # of the stream "evaluation"; margin and nearness were chosen in "tuni
 DISCS = 3, 8  # how many, from … to …
 RADIUS = 0.10, 0.25  # [m]
 DISTANCE = 2.0, 3.0  # [m] of the goal
-ASIDE = 0.8  # [m] of a disc beside the straight way, at most
+ASIDE = 0.8  # [m] of a disc from the straight path, at most
 MARGIN = 0.32  # [m] from a disc's edge to where the torso's middle may go
 CORNERS = 16  # of the polygon around a disc
-NEAR = 0.25  # [m] to the next goal, as estimated: then follows the one after it
+NEAR = 0.25  # [m] estimated distance of a goal at which the one after it becomes the next
 TORSO = 0.12  # [m] radius of its column
-SPEED = 0.35  # [m/s] straight ahead, about what 3-D robots reach; the times are compared with it
+SPEED = 0.35  # [m/s] with which the times are compared; about that of 3-D robots straight ahead
 
 
 @dataclass
 class Field:
-    """Discs [k, 3] (x, y, radius [m]), and the way [c, 3] around them: poses, the last is the goal."""
+    """Discs [k, 3] (x, y, radius [m]); the path [c, 3] around them: poses, the last is the goal."""
 
     discs: np.ndarray
     way: np.ndarray
@@ -56,8 +57,8 @@ def gaps(start, end, discs):
 
 
 def shortest_way(goal, discs):
-    """Corners [c, 3] from the origin to the goal [3] that keep MARGIN, or None. A corner looks where
-    the way goes on.
+    """Corners [c, 3] of the path from the origin to the goal [3] that keeps MARGIN, or None. The
+    yaw of a corner is that of the path behind it.
     """
     reach = discs[:, 2] + MARGIN  # [k]
     angle = np.arange(CORNERS) / CORNERS * 2 * np.pi
@@ -77,7 +78,7 @@ def shortest_way(goal, discs):
 
 
 def draw_field(rng):
-    """A field in which a disc stands in the way, and a detour exists."""
+    """A random field in which a disc is on the straight path, and a detour exists."""
     while True:
         angle, yaw = rng.uniform(-np.pi, np.pi, 2)
         distance, count = rng.uniform(*DISTANCE), rng.integers(*DISCS, endpoint=True)
@@ -98,7 +99,7 @@ def draw_fields(count):
 
 @dataclass
 class Chain:
-    """A planner behind intermediate goals: robot i walks along ways[i], poses [c, 3]."""
+    """A planner with intermediate goals: robot i walks along ways[i], poses [c, 3]."""
 
     planner: object
     world: env.FootstepWorld
@@ -110,7 +111,7 @@ class Chain:
         self.aim(np.arange(num_robots))
 
     def aim(self, robots):
-        """The next goal of these robots is now that of the world."""
+        """Makes the next goal of these robots that of the world."""
         self.world.set_goal(robots, [self.ways[i][self.next[i]] for i in robots])
 
     def act(self, view):
@@ -126,7 +127,7 @@ class Chain:
 
 
 def touching(robot, motion, fields):
-    """Did a sole or the torso come over a disc? [n] bool, of as many fields."""
+    """Did a sole or the torso come over a disc? [n] bool, for n fields with a robot in each."""
     inner, outer = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width  # edges of a sole
     found = []
     # Every 40 ms, torso [t, 6] and joints [t, 12]
@@ -143,7 +144,7 @@ def touching(robot, motion, fields):
 
 
 def walk_fields(planner, world, fields, trials):
-    """The walks of `evaluate` around the discs, and who touched."""
+    """What `evaluate` returns of walks around the discs, and `touched` [n]: which touched one."""
     touched = np.zeros(len(fields), bool)
 
     def watch(robots, motion):
@@ -154,7 +155,7 @@ def walk_fields(planner, world, fields, trials):
 
 
 def study(args):
-    """The policy and the tuned baseline around the discs, and to the same goals without discs."""
+    """Rows of the policy and the tuned baseline, around the discs and to the same goals without."""
     fields, trials = draw_fields(FIELDS)
     straight = np.linalg.norm(trials.goals[:, :2], axis=1)
     length = np.array([field.length for field in fields])
@@ -186,7 +187,7 @@ def recorded(sim, numbers):
 
 
 def draw_discs(axes, field, camera):
-    """Discs, grey, and the shortest way around them."""
+    """Draws the discs, grey, and the shortest path around them."""
     angle = np.linspace(0, 2 * np.pi, 60)
     for x, y, radius in field.discs:
         outline = [x + radius * np.cos(angle), y + radius * np.sin(angle)]
@@ -199,7 +200,7 @@ SHOWN = 2, 1, 0  # fields of the figure; the film shows the first
 
 
 def plot(found, sim):
-    """Three fields from above."""
+    """Draws three fields from above."""
     figure, grid = plt.subplots(1, len(SHOWN), figsize=(13.2, 4.8))
     camera = robot_model.camera_at(-90, 90)
     for axes, (field, walk) in zip(grid, recorded(sim, SHOWN)):
@@ -216,10 +217,10 @@ def plot(found, sim):
 
 
 def study_film(args):
-    """The walk through the first field, obstacles.gif beside the table."""
+    """Films the walk through the first field: obstacles.gif beside the table."""
     field, walk = next(recorded(args.sim, SHOWN))
     camera = robot_model.camera_at()
-    evaluate.plot_race(
+    common.plot_race(
         robot_model.RobotModel(),
         {"policy": walk},
         args.out / "obstacles.gif",
@@ -232,7 +233,7 @@ PARTS = {"walks": study, "film": study_film}
 
 
 def table(found, sim):
-    """Both planners, around the discs and without them."""
+    """Markdown: both planners, around the discs and without them."""
     columns = {"planner": 0, "discs": 0, "success": 3, "touches": 3, "fall": 3, "time_mean": 1}
     return common.sections(found, {"walks": columns | {"time_over_way": 2}})
 
@@ -241,14 +242,17 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     walks = data["mujoco"]["walks"]
     around, straight, tuned, _ = walks["rows"]  # with discs, without them; the same for the tuned
+    count = walks["fields"]
+    touches = [evaluate.wilson(row["touches"] * count, count) for row in (around, tuned)]
     return {
-        "discs": f"In {walks['fields']} fields of discs the policy arrives in "
-        f"{share(around['success'], 1)} of the walks, and touches a disc in "
-        f"{share(around['touches'], 1)}; `baseline_tuned` in "
-        f"{share(tuned['success'], 1)} and {share(tuned['touches'], 1)}.",
-        "time": f"The policy needs {around['time_over_way']:.2f} times what the shortest detour "
-        f"would take at {SPEED} m/s, and {straight['time_over_way']:.2f} times that of the straight "
-        "way without discs.",
+        "discs": f"The robot walks through {count} fields of discs. With the policy it "
+        f"arrives in {share(around['success'], 1)} of them and touches a disc in "
+        f"{share(around['touches'], 1)}. With `baseline_tuned` it arrives in "
+        f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. The "
+        f"95 % intervals of the two shares of touches {common.overlap(*touches)}.",
+        "time": f"The policy takes {around['time_over_way']:.2f} times as long as the shortest "
+        f"path around the discs would take at {SPEED} m/s. Without discs it takes "
+        f"{straight['time_over_way']:.2f} times as long as the straight path would.",
     }
 
 

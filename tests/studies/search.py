@@ -1,14 +1,15 @@
-"""How far does search get that treats double steps as independent of one another?
+"""How far does a search get that ignores how the robot moves when a double step begins?
 
     python 05_evaluate.py --noise --planner tests/studies/search.py    the planner, beside others
     python tests/studies/search.py [--mujoco] [--out FOLDER]           a new map for it
 
-The worked example of a planner of one's own, `Planner`. It takes the double step after which the
-fewest are left. How many are left is a map V of all poses around the goal. The script works it out
-once by dynamic programming: the answer of the paper's references [3] and [4], A*, for all starts at
-once. Left out is how the robot moves when a double step begins. So the script tries sizes of steps
-and largest changes from one to the next. It writes the map of the best to search.npz in the folder
-above the table. The planner reads results/<sim>/search.npz.
+`Planner` is a worked example of a planner of your own. It takes the double step after which the
+fewest double steps are left. A map V tells how many are left from every pose around the goal. The
+script computes V once by dynamic programming: this gives, for all starts at once, what A* gives for
+one start in the paper's references [3] and [4]. The motion of the robot when a double step begins
+is left out. To make up for that, the script tries several sizes of steps, and several largest
+changes from one step to the next. It writes the best map to search.npz in the folder above the
+table. The planner reads results/<sim>/search.npz.
 """
 
 import json
@@ -30,7 +31,7 @@ def double_steps(limits, factor=1.0):
     low, high = factor * np.array([limits.low, limits.high])
     axes = np.linspace(low[0], high[0], 8), np.linspace(-1, 1, 5), np.linspace(-1, 1, 7)
     x, *shares = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))  # [A − 1] each
-    left = np.stack(shares, -1)  # [A − 1, 2] of the largest way sideways, and of the largest turn
+    left = np.stack(shares, -1)  # [A − 1, 2] of the largest sideways step, and of the largest turn
     # To the left: the left foot goes outward, the right one inward, by the same share.
     outward = np.stack([left, -left], 1)  # [A − 1, 2, 2]
     steps = np.zeros((len(x) + 1, 2, 3))
@@ -40,8 +41,9 @@ def double_steps(limits, factor=1.0):
 
 
 def displacements(sim, steps):
-    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3]; and
-    which of them stood. Measured at the middle of the spread: the third to sixth of six in a row.
+    """Where each of the double steps [A, 2, 3] takes the robot, seen from where it was [A, 3], and
+    after which of them the robot still stands [A]. Measured for a robot in the middle of the
+    spread: the third to sixth of six double steps in a row.
     """
     plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
     body, spread = robot_model.Body.as_model(robot_model.RobotModel(), len(plans)), env.Spread()
@@ -97,7 +99,7 @@ def look_up(value, poses):
     """V [...] at poses [..., 3] (x, y [m], yaw [rad]) seen from the goal; linear between cells.
 
     V [TURNS, 2·HALF + 1, 2·HALF + 1], over yaw, x and y: how many double steps are left from there;
-    see `steps_to_go`. Beyond the map it is that of its edge. After the last yaw comes the first.
+    see `steps_to_go`. Beyond the map V is that of its edge. After the last yaw comes the first.
     """
     edge = CELL * HALF - 1e-6
     x, y = (np.clip(poses[..., k], -edge, edge) / CELL + HALF for k in (0, 1))  # [cells]
@@ -121,7 +123,7 @@ class Planner:
         self.known = known  # as of `read_map`; None: the shipped one
 
     def reset(self, num_robots):
-        """There is nothing to reset."""
+        """Resets nothing: it does not remember."""
 
     def act(self, view):
         """Actions [n, 6] for the goals [n, 3] as n robots know them."""
@@ -130,21 +132,21 @@ class Planner:
         steps, moves, value, largest_change = self.known
         actions = env.to_action(steps, view.limits)  # [A, 6]
         pose = robot_model.relative(view.goal, np.zeros(3))  # [n, 3] of the robot, from the goal
-        # Beyond the map: as if it stood at the edge, in the same direction. A move may lead
-        # further out, along a diagonal by √2 more.
+        # A robot beyond the map: as if it stood at the edge, in the same direction. A move may lead
+        # farther out, along a diagonal by √2 more.
         edge = CELL * HALF - np.abs(moves[:, :2]).max() * math.sqrt(2)  # [m]
         pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
         left = look_up(value, robot_model.compose(pose[:, None], moves))  # [n, A]
-        # What differs too much from the last one costs more than any way: done if nothing is left.
+        # An action that differs too much from the last one costs more than any path: a last resort.
         change = np.abs(view.actions[:, :1] - actions).max(-1)  # [n, A]
         left = left + 100 * np.maximum(0, change - largest_change)
         return actions[left.argmin(1)]
 
 
 def read_map(limits):
-    """The shipped map of the simulator with these limits: steps [A, 2, 3] that stood, moves [A, 3],
-    V, and how far an action may be from the last one. Its moves were measured with another walk if
-    the walk has been changed since; only other limits are refused.
+    """The shipped map of the simulator with these limits: steps [A, 2, 3], moves [A, 3], V, and how
+    far an action may be from the last one. Raises an InputError if there is no map for these
+    limits. (If you have changed the walk, the moves are still those of the shipped walk.)
     """
     wanted = json.loads(json.dumps(asdict(limits)))  # tuples become lists
     for path in common.RESULTS.glob("*/search.npz"):
@@ -162,7 +164,7 @@ def read_map(limits):
 
 
 def write_map(path, sim, factor, known):
-    """The file for `read_map`."""
+    """Writes the file for `read_map`."""
     steps, moves, value, change = known
     about = {"step limit": asdict(env.LIMITS[sim]), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
@@ -181,7 +183,7 @@ WALKS = 100  # near ones and as many far ones
 
 
 def make_map(sim, factor):
-    """steps, moves, V of double steps up to that share of the limits, as exact as in the file."""
+    """steps, moves, V for double steps up to this share of the limits, rounded as in the file."""
     steps = double_steps(env.LIMITS[sim], factor)
     moves, stood = displacements(sim, steps)
     value = np.round(20 * steps_to_go(moves[stood], env.Task())) / 20
@@ -189,7 +191,7 @@ def make_map(sim, factor):
 
 
 def study(args):
-    """Every size with every largest change; the best one's map is written."""
+    """Tries every size with every largest change, and writes the best one's map."""
     tried, maps = [], {}
     with common.world(args.sim) as world:
         for factor in FACTORS:
@@ -197,7 +199,7 @@ def study(args):
             for change in CHANGES:
                 facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
                 tried.append({"factor": factor, "change": change, **facts})
-    # It aims at the rim of the tolerance; how long it stays there does not count here.
+    # The planner aims at the edge of the tolerance; leaving it again costs nothing here.
     best = min(tried, key=lambda row: baseline.cost(row, {"still_there": 0.0}))
     known = *maps[best["factor"]], best["change"]
     write_map(args.out.parent / "search.npz", args.sim, best["factor"], known)
@@ -208,7 +210,7 @@ PARTS = {"": study}
 
 
 def table(found, sim):
-    """All that were tried."""
+    """Markdown of all that were tried."""
     columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
     return common.table(found["rows"], columns | {"chosen": 0})
 
@@ -218,8 +220,9 @@ def found(data):
     rows = common.read_json(common.RESULTS / "mujoco" / "evaluation.json")["rows"]
     near, far = common.values(rows, "time_mean", planner="search", noise=True)
     return {
-        "times": f"In 3-D search needs {near:.1f} s to near and {far:.1f} s to far goals. It aims "
-        "at the rim of the tolerance, so it often leaves it again."
+        "times": f"In 3-D `search` takes {near:.1f} s to near goals and {far:.1f} s to far ones. "
+        "It leads the robot only to the edge of the tolerance. Two double steps later the robot is "
+        "often outside again."
     }
 
 

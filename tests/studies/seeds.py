@@ -2,13 +2,16 @@
 
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
-pooled: evaluation seeds 140 to 149, walked once, after everything has been chosen; the next recipe
-takes 150 to 159. seeds: all trainings and their opponents, on seed 140. Both also with
-pushes on the way to far goals.
-All trainings are made before, by `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0`
-and so on. The median, by success with noise and then by time, is the one to ship.
-estimate: how far off is the estimate of the goal, and how far does the filter take it to be? Also
-with a simpler filter. Writes seeds.estimate.png. film: learning.gif.
+distances: the policy and its two best opponents, 0 to 6 m from the goal.
+pooled: the policy on evaluation seeds 140 to 149. They were used once, after everything had been
+chosen; a new training should take 150 to 159.
+seeds: all trainings and their opponents, on evaluation seed 140. Both parts also push the robot on
+its way to far goals. The trainings must be there, made by
+`python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. The one to ship is the
+median by success with noise, then by time.
+estimate: how large are the errors of the estimated goal, and how large are those that the filter
+claims? Also for a simpler filter. Writes seeds.estimate.png.
+film: writes learning.gif.
 """
 
 import common
@@ -26,8 +29,8 @@ EXACT = "policy, without noise"
 
 
 def walked(sim, policies, sets, opponents):
-    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise; the
-    times of the policies also relative to those of the opponents.
+    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise. A
+    row of a policy also has its time relative to those of the opponents.
     """
     planners, rows = opponents | policies, []  # by name, or by seed
     for far, push in KINDS:
@@ -49,7 +52,7 @@ def walked(sim, policies, sets, opponents):
 
 
 def median_seed(rows):
-    """The training seed in the middle: by mean success of its rows, then by time. Not the best."""
+    """The training seed in the middle, not the best: by mean success of its rows, then by time."""
 
     def rank(seed):
         success, time = (values(rows, key, seed=seed) for key in ("success", "time_mean"))
@@ -62,11 +65,12 @@ def median_seed(rows):
 def least_time(goals, world):
     """The kinematic optimum [n] [s]: no plan within the step limits gets to goals [n, 3] sooner.
 
-    Double steps are whole. So many are needed for the way, so many for the turn, each to the edge
-    of the tolerance; the larger number counts. Straight ahead is not the fastest walk: a foot lands
-    x ahead of the standing one, w to its side, and turned out by ω. With the toes ω/2 to either
-    side of the way, not only x leads ahead, but w, too. (This is about plans. A slip may add to
-    them. A robot that walks like this falls in its second double step, in both simulators.)
+    One number of whole double steps is needed for the distance, another one for the turn, each to
+    the edge of the tolerance. The larger number counts. Straight ahead is not the fastest walk: a
+    foot lands x ahead of the standing one, w to its side, and turned out by ω. If the toes point
+    ω/2 to either side of the path, not only x leads ahead, but w, too. (This is about plans. A slip
+    may add to them. A robot that walks like this falls in its second double step, in both
+    simulators.)
     """
     x, w, turn = world.limits.high + world.engine.beside[0]  # [m], [m], [rad] ω
     # In a double step:  way ≤ 2·(x·cos(ω/2) + w·sin(ω/2)),  turn ≤ ω outward + ω inward
@@ -78,7 +82,7 @@ def least_time(goals, world):
 
 
 def study_distances(args):
-    """The opponents and the policy to goals at every distance, with noise; the policy also without."""
+    """Rows of opponents and policy for every distance, with noise; of the policy also without."""
     policy = common.shipped(args.sim)
     planners = {**common.opponents(args.sim), "policy": policy, EXACT: policy}
     far = np.repeat(DISTANCES, GOALS)
@@ -101,14 +105,14 @@ def study_distances(args):
 
 
 def study_all(args):
-    """Every training and its opponents."""
+    """Rows of every training and its opponents."""
     found = walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
     calm = pick(found["rows"], planner="policy", push=0.0)
     return {"median_seed": median_seed(calm), **found}
 
 
 def study_pooled(args):
-    """The shipped policy in many walks."""
+    """Rows of the shipped policy in many walks."""
     found = walked(args.sim, {None: common.shipped(args.sim)}, POOLED_SETS, {})
     return {"first_seed": POOLED_FIRST, **found}
 
@@ -121,22 +125,22 @@ FILM = {
 
 
 def study_film(args):
-    """The shipped policy before, during and after its training, in learning.gif above the table."""
+    """Films the shipped policy before, during and after its training: learning.gif."""
     trials, walks = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0), {}
     with common.world(args.sim, num_robots=1, noise=False, cores=1) as world:
         for title, file in FILM.items():
             planner = common.policy(RESULTS / args.sim / file, args.sim)
             walks[title] = next(evaluate.record(planner, world, trials))
-    evaluate.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
+    common.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
     return {title: walk["ending"] for title, walk in walks.items()}
 
 
 class Watched(env.FootstepWorld):
-    """Keeps of every view the squared errors, the claimed variances, and the distance."""
+    """Stores for every view the squared errors, the claimed variances, and the distance."""
 
     def __init__(self, *args, independent, **settings):
         super().__init__(*args, **settings)
-        self.independent = independent  # does its filter take the errors of x, y and yaw so?
+        self.independent = independent  # does its filter ignore how the errors of x, y, yaw relate?
         self.seen = []
 
     def look(self, robots):
@@ -159,7 +163,7 @@ AXES = {"x": "m", "y": "m", "yaw": "rad"}
 
 
 def study_estimate(args):
-    """Root mean square error, and what the filter takes for it (claimed), by distance."""
+    """Rows, by distance: the root mean square error, and its ratio to what the filter claims."""
     policy, rows = common.shipped(args.sim), []
     for name, settings in FILTERS.items():
         with common.world(args.sim, Watched, **settings) as world:
@@ -177,7 +181,7 @@ def study_estimate(args):
 
 
 def plot_estimate(rows, sim):
-    """Errors and claimed errors over the distance, a colour for each filter."""
+    """Draws errors and claimed errors over the distance, a colour for each filter."""
     figure, panels = plt.subplots(1, 3, figsize=(12, 3.8))
     for panel, (name, unit) in zip(panels, AXES.items()):
         for k, title in enumerate(FILTERS):
@@ -230,7 +234,7 @@ def table(found, sim):
 
 
 def plot(found, sim):
-    """Time and falls over the distance of the goal, with 95 % intervals."""
+    """Draws time and falls over the distance of the goal, with 95 % intervals."""
     found = found["distances"]
     figure, (times, falls) = plt.subplots(1, 2, figsize=(12, 4.2))
     styles = {"policy": "o-", "expert": "s--", "baseline_tuned": "^:", EXACT: "-"}
@@ -256,42 +260,54 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     parts = "distances", "pooled", "seeds", "estimate"
     distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
-    names = "policy", "expert", "baseline_tuned"
-    times, falls = (
+    names = "policy", "baseline_tuned", "expert"
+    times, falls, intervals = (
         [values(distances["rows"], key, planner=name) for name in names]
-        for key in ("time_mean", "fall")
+        for key in ("time_mean", "fall", "fall_ci95")
     )
     first = np.sum(np.argmin(times, 0) == 0)
-    policy, by_hand, tuned = np.array(times)[:, -1]
+    policy, tuned, by_hand = np.array(times)[:, -1]
     near, far, pushed = pooled["rows"]
     (exact,) = pick(distances["rows"], planner=EXACT, distance=2.0)
     (noisy,) = pick(distances["rows"], planner="policy", distance=2.0)
     rows = trained["rows"]
     ratios = values(rows, "over_expert", planner="policy", push=0.0)
+
+    def compared(push):
+        ours, theirs = ({"planner": name, "push": push} for name in ("policy", "expert"))
+        same = common.overlap(*(common.fall_interval(rows, **who) for who in (ours, theirs)))
+        return (
+            f"in {fallen(rows, **ours)} walks, with `expert` in {fallen(rows, **theirs)} (the 95 % "
+            f"intervals {same})"
+        )
+
     ours, simple = (
         [row[f"{axis}_ratio"] for row in pick(estimate["rows"], filter=name) for axis in AXES]
         for name in FILTERS
     )
     return {
-        "distances": f"The policy is the fastest of the three at {first} of {len(times[0])} "
-        f"distances. At 6 m it needs {policy:.1f} s, `expert` {by_hand:.1f} s and "
-        f"`baseline_tuned` {tuned:.1f} s; there they fall in "
-        "{}, {} and {} of the walks.".format(*(share(own[-1], 1) for own in falls)),
-        "causes": f"At 2 m the step limits alone would allow {exact['least']:.1f} s; without noise "
-        f"the policy needs {exact['time_mean']:.1f} s (the body does not bear all largest steps at "
-        f"once, and it has to start and stop), with noise {noisy['time_mean']:.1f} s.",
-        "pooled": f"In {pooled['goals']:,} walks to near goals and {pooled['goals']:,} to far ones "
-        f"the policy fell {near['falls']} and {far['falls']} times; pushed by 0.4 m/s every 3 s on "
-        f"the way to the far ones, in {share(pushed['fall'], 1)} of the walks.",
-        "trainings": f"All {len(ratios) // 2} trainings need {min(ratios):.2f} to {max(ratios):.2f} of "
-        "the time of `expert`.",
-        "safety": f"All trainings together fell in {fallen(rows, planner='policy', push=0.0)} walks, "
-        f"`expert` in {fallen(rows, planner='expert', push=0.0)}; pushed by 0.4 m/s, in "
-        f"{fallen(rows, planner='policy', push=0.4)} and in "
-        f"{fallen(rows, planner='expert', push=0.4)}.",
-        "estimate": f"The error of the estimate is {min(ours):.2f} to {max(ours):.2f} of what the "
-        f"filter takes it to be, at every distance; with independent errors and a smaller drift it "
-        f"is {min(simple):.2f} to {max(simple):.2f}.",
+        "distances": f"Of the three planners the policy is the fastest at {first} of "
+        f"{len(times[0])} distances. At 6 m the policy takes {policy:.1f} s, `baseline_tuned` "
+        f"{tuned:.1f} s and `expert` {by_hand:.1f} s. With these planners the robot "
+        "falls in {}, {} and {} ".format(*(share(own[-1], 1) for own in falls))
+        + f"of {distances['goals']} walks each; the 95 % intervals of these shares "
+        f"{common.overlap(*(own[-1] for own in intervals))}.",
+        "causes": f"To goals at 2 m the step limits alone would allow {exact['least']:.1f} s on "
+        f"average. The policy takes {exact['time_mean']:.1f} s without noise and "
+        f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot "
+        "take its largest steps in x, y and yaw at the same time.",
+        "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} near "
+        f"walks and in {far['falls']} of {pooled['goals']:,} far ones. Pushed by 0.4 m/s every 3 s "
+        f"on average, it fell in {share(pushed['fall'], 1)} of {pooled['goals']:,} far walks.",
+        "trainings": f"The policies of all {len(ratios) // 2} trainings take "
+        f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert`.",
+        "safety": f"With the policies of all {len(ratios) // 2} trainings the robot fell "
+        f"{compared(0.0)}. With pushes of 0.4 m/s on the way to far goals it fell with these "
+        f"policies {compared(0.4)}.",
+        "estimate": f"At every distance the true error of the estimate is {min(ours):.2f} to "
+        f"{max(ours):.2f} times the error that the filter claims. A filter that expects "
+        f"independent errors and a smaller drift claims too little: its true error is "
+        f"{min(simple):.2f} to {max(simple):.2f} times the claimed one.",
     }
 
 

@@ -59,14 +59,14 @@ def highest_speed(poses, fall, period):
     """{direction: speed [m/s, rad/s]}: the fastest below the first that fell, of `speed_plans`.
 
     poses [4·LEVELS, K + 1, 3] and fall [4·LEVELS] as of `walk_plans`, period [s]. Row by row the
-    levels of the first direction, then those of the second, and so on. A walk has fallen if its
-    `fall` is less than len(PATTERN). A walk that stands at a level above a fall was lucky: it does
+    levels of the first direction, then those of the second, and so on. A robot fell if its `fall`
+    is less than len(PATTERN). A robot that did not fall at a level above a fall was lucky: it does
     not count.
     """
-    # speed = |way along the axis| / (Σ PATTERN · period)
-    # A walk ends with the trunk between the feet. The last step of the right foot has moved it by
-    # half of that step only; of twelve steps one half is missing, so speeds are 4 % too low. Not
-    # sideways: there the right foot's steps have no length.
+    # speed = |distance along the axis| / (Σ PATTERN · period)
+    # A walk ends with the trunk between the feet. The last step of the right foot has moved the
+    # trunk by half of that step only. So a half of twelve steps is missing, and speeds are 4 % too
+    # low. This is not so sideways, where the right foot's steps have no length.
     speeds = {}
     for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)
@@ -119,9 +119,9 @@ def off_plan(planned, poses):
     """How far double steps end from their plan: the mean of each [3], and what a filter should
     expect of them, the deviation of the sum of five in a row ÷ √5 [3]; in m, m, rad.
 
-    planned [n, K, 3]: the plan's way, seen from where it began; poses [n, K + 1, 3] of n robots
-    that stood. Errors in a row are alike (a robot that slips does so again), so their sum is larger
-    than that of independent ones.
+    planned [n, K, 3]: the planned motion in each double step, seen from its beginning; poses
+    [n, K + 1, 3] of n robots that did not fall. Errors in a row are alike (a robot that slips does
+    so again), so their sum is larger than that of independent errors.
     """
     error = robot_model.relative(poses[:, :-1], poses[:, 1:]) - planned
     error[..., 2] = robot_model.wrap(error[..., 2])
@@ -348,9 +348,9 @@ def table(found, sim):
     falls = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
     clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
     return (
-        f"{falls}\nOf {RANDOM} random plans within the limits {100 * found['stood']:.1f} % "
-        f"stand. Their feet: clearance {clearance:.1f} mm (median) and {lowest:.1f} mm (5 %), "
-        f"slip of the support foot {slip:.1f} mm.\n"
+        f"{falls}\nRobots that walk a random plan within the limits without a fall: "
+        f"{100 * found['stood']:.1f} % of {RANDOM:,}. Clearance of the feet: {clearance:.1f} mm "
+        f"(median), {lowest:.1f} mm (5 %). Slip of the support foot: {slip:.1f} mm.\n"
     )
 
 
@@ -402,9 +402,11 @@ def found(data):
     limits = data["mujoco"]["limits"]
     median, lowest = (1000 * height for height in limits["clearance"])  # [mm]
     return {
-        "random": f"In 3-D {share(limits['stood'], 1)} of 1,000 random plans within the limits stand.",
-        "clearance": f"The swinging foot clears the floor by {median:.1f} mm in the median. The "
-        f"5th percentile is {lowest:.1f} mm: it drags in some steps.".replace("-", "−"),
+        "random": f"In 3-D {share(limits['stood'], 1)} of {RANDOM:,} robots walk a random plan "
+        "within the step limits without a fall.",
+        "clearance": "In the middle of its swing the lowest corner of a foot is "
+        f"{median:.1f} mm above the floor (median). The 5th percentile is {lowest:.1f} mm: in some "
+        "steps the foot drags.".replace("-", "−"),
     }
 
 
