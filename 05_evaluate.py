@@ -723,8 +723,8 @@ def load_policy(path, world):
 
 
 def names_in(path, wanted=("ROBOT", "WALK", "LIMITS")):
-    """What a file of your own defines, by its name in small letters; else an InputError. Errors in it
-    show their own traceback."""
+    """What a file of your own defines, by its names in small letters; an InputError if one is missing.
+    Errors in the file show their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it

@@ -4,7 +4,7 @@
 
 MuJoCo's model of a robot holds all of its numbers: masses, places, motors, a Body. `BulletSim` hands
 them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So of MujocoSim's
-methods only `place` and `advance` are new. The servo is that of stage 1, computed anew every 2 ms and
+methods only `place` and `advance` are new. The servo is that of stage 1, computed again every 2 ms and
 given as a torque; PyBullet's own position motor follows another law. Traps:
 - PyBullet has no `armature`. The inertia of a rotor is added to the link below its joint, about the
   axis of the joint. (With the light link alone, 2 ms would be too long for this stiffness.)
@@ -16,7 +16,8 @@ given as a torque; PyBullet's own position motor follows another law. Traps:
   with enableConeFriction.
 - `createMultiBody` takes no inertias and no joint limits, and leaves the joints' damping undefined:
   `changeDynamics` sets them.
-Every robot has a world of its own, as some walk while others wait; a reset builds it again.
+Every robot has a world of its own, as some walk while others wait; a reset builds it again. (For each
+world PyBullet prints a line `argv[0]=`.)
 """
 
 import numpy as np
@@ -36,7 +37,7 @@ class BulletSim(robot_model.MujocoSim):
             from pybullet_utils.bullet_client import BulletClient
         except ImportError as error:
             raise robot_model.InputError(f"PyBullet is not installed: {PIP}") from error
-        # Every world has all of PyBullet's functions and constants. DIRECT: without a window
+        # Every world has all of PyBullet's functions and constants. It ends with its object.
         self.worlds = [BulletClient(pybullet.DIRECT) for _ in range(num_robots)]
         super().__init__(num_robots, standing, robot, cores)
 
@@ -54,84 +55,86 @@ class BulletSim(robot_model.MujocoSim):
         world.setPhysicsEngineParameter(self.robot.control_dt / STEPS, enableConeFriction=1)
         world.createMultiBody(0, world.createCollisionShape(world.GEOM_PLANE))
         world.changeDynamics(FLOOR, -1, lateralFriction=1)
-        # MuJoCo's bodies are the world, the torso, the left hip, … Of the links that make up a body
-        # the first one has its place, the last one its mass.
-        part = model.jnt_bodyid[1:]  # [12] the body below a joint
-        last = np.append(np.diff(part) > 0, True)[:, None]  # [12, 1]
-        first, axes = np.roll(last, 1), model.jnt_axis[1:]
-        inertias = np.where(last, model.body_inertia[part], 1e-5)  # [12, 3]
-        inertias += model.dof_armature[6:, None] * axes
+        # Of the links that make up a body the first one has its place, the last one its mass.
+        part = model.jnt_bodyid  # [13] the torso, then the body below each joint
+        last = np.append(np.diff(part) > 0, True)[:, None]  # [13, 1]
+        first = np.roll(last, 1)
+        axes = model.jnt_axis[1:]
+        inertias = np.where(last, model.body_inertia[part], 1e-5)  # [13, 3]
+        inertias[1:] += model.dof_armature[6:, None] * axes
+        masses = np.where(last[:, 0], model.body_mass[part], 0.001)
+        centres = last * model.body_ipos[part]
         nothing, straight = [-1] * 12, [[0, 0, 0, 1]] * 12
         shapes = nothing.copy()
         for k, name in (5, "left sole"), (11, "right sole"):
-            sole, box = model.geom(name), world.GEOM_BOX
+            sole = model.geom(name)
             shapes[k] = world.createCollisionShape(
-                box, halfExtents=sole.size, collisionFramePosition=sole.pos
+                world.GEOM_BOX, halfExtents=sole.size, collisionFramePosition=sole.pos
             )
         world.createMultiBody(
-            model.body_mass[1],
+            masses[0],
             basePosition=torso[:3],
             baseOrientation=world.getQuaternionFromEuler(torso[3:]),
-            baseInertialFramePosition=model.body_ipos[1],
-            linkMasses=np.where(last[:, 0], model.body_mass[part], 0.001),
+            baseInertialFramePosition=centres[0],
+            linkMasses=masses[1:],
             linkCollisionShapeIndices=shapes,
             linkVisualShapeIndices=nothing,
-            linkPositions=first * model.body_pos[part],
+            linkPositions=(first * model.body_pos[part])[1:],
             linkOrientations=straight,
-            linkInertialFramePositions=last * model.body_ipos[part],
+            linkInertialFramePositions=centres[1:],
             linkInertialFrameOrientations=straight,
-            linkParentIndices=[0, 1, 2, 3, 4, 5, 0, 7, 8, 9, 10, 11],  # 0: torso
+            linkParentIndices=[*range(6), 0, *range(7, 12)],  # 0: the torso
             linkJointTypes=[world.JOINT_REVOLUTE] * 12,
             linkJointAxis=axes,
             flags=world.URDF_USE_SELF_COLLISION,  # the feet touch one another
         )
-        for k, inertia in enumerate([model.body_inertia[1], *inertias], -1):  # -1: the torso
+        for k, (low, high) in enumerate(model.jnt_range, -1):  # -1: the torso, without a joint
             world.changeDynamics(
                 ROBOT,
                 k,
                 lateralFriction=model.pair_friction[0, 0],
-                localInertiaDiagonal=inertia,
+                localInertiaDiagonal=inertias[k + 1],
                 linearDamping=0,
                 angularDamping=0,
                 jointDamping=0,
+                jointLowerLimit=low,
+                jointUpperLimit=high,
             )
-        for k, (low, high) in enumerate(model.jnt_range[1:]):
-            world.changeDynamics(ROBOT, k, jointLowerLimit=low, jointUpperLimit=high)
-            world.resetJointState(ROBOT, k, joints[k])
+        for k, angle in enumerate(joints):
+            world.resetJointState(ROBOT, k, angle)
         mode, friction = world.VELOCITY_CONTROL, model.dof_frictionloss[6:]
         world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=friction)  # to the rate 0
 
     def advance(self, robots, targets, push):
         """See `Simulator`."""
         states = np.repeat(self.state[robots, None], push.shape[1], 1)
-        for row, tick in np.ndindex(push.shape[:2]):
-            world, model = self.worlds[robots[row]], self.models[robots[row]]
+        states[:, :, self.TIME] += self.robot.control_dt * np.arange(1, push.shape[1] + 1)
+        for i, own, aims, forces in zip(robots, states, targets[:, :, 0], push):
+            world, model = self.worlds[i], self.models[i]
             limit, gain = model.actuator_forcerange[:, 1], model.actuator_gainprm[:, 0]  # [12] each
-            for _ in range(STEPS):
-                q, rate = np.array([s[:2] for s in world.getJointStates(ROBOT, JOINTS)]).T
-                # τ = clip(k·(target − q), ± limit) − d·q̇
-                torque = np.clip(gain * (targets[row, tick, 0] - q), -limit, limit)
-                torque -= model.dof_damping[6:] * rate
-                world.setJointMotorControlArray(ROBOT, JOINTS, world.TORQUE_CONTROL, forces=torque)
+            for now, aim, force in zip(own, aims, forces):  # now: a view
+                for _ in range(STEPS):
+                    q, rate = angles_and_rates(world)
+                    # τ = clip(k·(target − q), ± limit) − d·q̇
+                    torque = np.clip(gain * (aim - q), -limit, limit) - model.dof_damping[6:] * rate
+                    world.setJointMotorControlArray(
+                        ROBOT, JOINTS, world.TORQUE_CONTROL, forces=torque
+                    )
+                    centre, _ = world.getBasePositionAndOrientation(ROBOT)
+                    # A force lasts for one step.
+                    world.applyExternalForce(ROBOT, -1, [*force, 0], centre, world.WORLD_FRAME)
+                    world.stepSimulation()
                 centre, turn = world.getBasePositionAndOrientation(ROBOT)
-                force = [*push[row, tick], 0]  # it lasts for one step
-                world.applyExternalForce(ROBOT, -1, force, centre, world.WORLD_FRAME)
-                world.stepSimulation()
-            centre, turn = world.getBasePositionAndOrientation(ROBOT)
-            turn = np.roll(turn, 1)  # PyBullet's w is the last
-            matrix = robot_model.rotation(*robot_model.euler(turn))
-            now = states[row, tick]  # a view
-            now[self.TIME] += (tick + 1) * self.robot.control_dt
-            now[self.POSITION] = centre - matrix @ model.body_ipos[1]
-            now[self.TURN] = turn
-            now[self.ANGLES] = [angle for angle, *_ in world.getJointStates(ROBOT, JOINTS)]
-            now[self.OMEGA] = matrix.T @ world.getBaseVelocity(ROBOT)[1]
-        states[~np.isfinite(states).all(2)] = 0  # as MuJoCo does: it begins again, at time 0
+                axes = np.reshape(world.getMatrixFromQuaternion(turn), (3, 3))
+                now[self.POSITION] = centre - axes @ model.body_ipos[1]
+                now[self.TURN] = np.roll(turn, 1)  # PyBullet's w is the last
+                now[self.ANGLES], _ = angles_and_rates(world)
+                now[self.OMEGA] = axes.T @ world.getBaseVelocity(ROBOT)[1]
+        states[~np.isfinite(states).all(2)] = 0  # as MuJoCo does: the state begins again, at time 0
         self.state[robots] = states[:, -1]
         return states
 
-    def close(self):
-        """Ends its worlds."""
-        super().close()
-        for world in self.worlds:
-            world.disconnect()
+
+def angles_and_rates(world):
+    """Those of the joints [12] each."""
+    return np.array([state[:2] for state in world.getJointStates(ROBOT, JOINTS)]).T

@@ -121,12 +121,6 @@ HEADS = {
     "time_over_reflex": "time ÷ that with the reflex",
     "no_longer": "falls avoided",
     "newly": "new falls",
-    "near_time_mean": "near [s]",
-    "far_time_mean": "far [s]",
-    "far_episodes": "walks",
-    "far_over_own": "far: time ÷ our model's",
-    "far_policy_over": "far: policy's time ÷ this",
-    "pushed_fall": "far, pushed: falls",
 }
 
 

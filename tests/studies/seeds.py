@@ -28,15 +28,16 @@ GOALS = 200  # at each of them
 EXACT = "policy, without noise"
 
 
-def walked(sim, policies, sets, opponents):
-    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise. A
-    row of a policy also has its time relative to those of the opponents.
+def walked(sim, policies, sets, opponents, first=POOLED_FIRST, **settings):
+    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise, in a
+    world with these settings. A row of a policy also has its time relative to those of the
+    opponents.
     """
     planners, rows = opponents | policies, []  # by name, or by seed
     for far, push in KINDS:
-        with common.world(sim, push=push) as world:
+        with common.world(sim, push=push, **settings) as world:
             walks = {
-                key: common.walks(planner, world, far, sets, POOLED_FIRST)
+                key: common.walks(planner, world, far, sets, first)
                 for key, planner in planners.items()
             }
         for key, ended in walks.items():
@@ -206,27 +207,29 @@ PARTS = {
 }
 
 
+START = {"goal_std_m": 1, "push": 1, "planner": 0}  # columns of the rows of `walked`
+END = {
+    "falls": 0,
+    "success": 4,
+    "time_mean": 2,
+    "time_median": 2,
+    "time_p95": 2,
+    "still_there": 3,
+    "over_baseline_tuned": 3,
+    "over_expert": 3,
+    "median_over_expert": 3,
+}
+
+
 def table(found, sim):
     """Markdown; square brackets: 95 % intervals over goals."""
-    start = {"goal_std_m": 1, "push": 1, "planner": 0}
-    end = {
-        "falls": 0,
-        "success": 4,
-        "time_mean": 2,
-        "time_median": 2,
-        "time_p95": 2,
-        "still_there": 3,
-        "over_baseline_tuned": 3,
-        "over_expert": 3,
-        "median_over_expert": 3,
-    }
     distances = {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2, "least": 2}
     return common.sections(
         found,
         {
             "distances": distances,
-            "seeds": start | {"seed": 0} | end,
-            "pooled": start | end,
+            "seeds": START | {"seed": 0} | END,
+            "pooled": START | END,
             "estimate": {"filter": 0, "from_m": 1}
             | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
         },

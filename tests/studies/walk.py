@@ -3,10 +3,10 @@
     python tests/studies/walk.py             speeds, random plans, the feet, DRIFT; 20 seconds
     python tests/studies/walk.py --limits    maps of falls, on which LIMITS was chosen; 2 minutes
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
-    python tests/studies/walk.py --tune --robot FILE.py    the same for another robot, from its WALK on
+    python tests/studies/walk.py --robot FILE.py    such a search for another robot, from its WALK on
 
-(each with `--mujoco` in 3-D.) All robots have drawn bodies, and gyros with errors. Every cell of a
-map is eight walks. --tune prints a line for TUNED, or for WALK; it writes no file.
+(each with `--mujoco` in 3-D.) All robots have random bodies, and gyros with errors. Every cell of a
+map is eight walks. A search prints a line for TUNED, or for WALK of the file; it writes no file.
 """
 
 from dataclasses import replace
@@ -155,12 +155,13 @@ def measure(
     robot=robot_model.RobotModel(),
     limits=None,
 ):
-    """How well robots with drawn bodies walk on drawn ground; a dict of plain numbers.
+    """How well robots with random bodies walk on random floors; a dict of plain numbers.
 
-    speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: walked ÷ commanded, mean of
-    steps of a quarter and of half the largest size, likewise; stood: share of `count` random plans
-    that did not fall; steps: share of their double steps before a fall; clearance: median and 5th
-    percentile, and slip: median, of `clearance_and_slip` over all walks [m].
+    speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: per μ and direction, too, walked ÷
+    commanded, mean of steps of a quarter and of half the largest size; stood: share of `count` robots
+    that walked a random plan without a fall; steps: share of the double steps of these plans before
+    a fall; clearance: median and 5th percentile, and slip: median, of `clearance_and_slip` over all
+    walks [m].
     """
     rng, limits = np.random.default_rng(seed), limits or env.LIMITS[sim]
     size = robot.thigh_length / robot_model.RobotModel.thigh_length
@@ -224,9 +225,6 @@ SEARCH = {  # tuned parameters and their ranges, of our robot: from those of [5]
     "trunk_roll": (-0.02, 0.12),
 }
 SIZES = (10, 28, 7)  # of the search: iterations, candidates, how many are kept
-# For another robot: by which power of its size they change; lengths, time, angle per length
-POWER = dict.fromkeys(("foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"), 1)
-POWER |= {"half_ticks": 0.5, "pitch_per_step": -1}
 PLANAR_FIXED = ("trunk_swing", "foot_distance", "trunk_roll")  # hardly matter in the plane
 
 
@@ -256,9 +254,10 @@ def tune(sim, seed, robot=robot_model.RobotModel(), walk=None, limits=None):
     """
     start = walk or walk_engine.TUNED[sim]
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
+    # Another robot's lengths differ in proportion to its size; times and angles differ less, and the
+    # ranges are wide enough for these, too.
     size = robot.thigh_length / robot_model.RobotModel.thigh_length
-    scale = [size ** POWER.get(name, 0) for name in names]
-    low, high = np.array([SEARCH[name] for name in names]).T * scale
+    low, high = size * np.array([SEARCH[name] for name in names]).T
 
     def costs(iteration, drawn):
         tried = [changed(start, names, x) for x in drawn]
@@ -378,20 +377,19 @@ def main(argv=None):
         argv,
         limits={"action": "store_true", "help": "maps of falls"},
         tune={"action": "store_true", "help": "optimise the walk parameters"},
-        robot={"type": Path, "help": "of this file: ROBOT, WALK, LIMITS"},
+        robot={"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
     )
-    if args.tune:
-        own = evaluate.names_in(args.robot) if args.robot else {}
-        print(tune(args.sim, args.seed, **own))
-    elif args.robot:
-        raise robot_model.InputError("--robot goes with --tune")
+    if args.robot:
+        print(tune(args.sim, args.seed, **evaluate.names_in(args.robot)))
+    elif args.tune:
+        print(tune(args.sim, args.seed))
     elif args.limits:
         common.publish(study, "limits", args)
     else:
         measured = measure(args.sim, walk_engine.TUNED[args.sim], 1000 + args.seed)
         for mu, speeds, ratios in zip(FRICTION, measured["speeds"], measured["tracking"]):
             fastest = [f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds]
-            print(f"μ {mu}, drawn bodies: fastest (and walked ÷ commanded)", ", ".join(fastest))
+            print(f"μ {mu}, random bodies: fastest (and walked ÷ commanded)", ", ".join(fastest))
         print(in_words(measured))
         for name, off in zip(("mean", "DRIFT"), measure_drift(args.sim)):
             print(f"walked − planned [m, m, rad], {name}:", off.round(4))
