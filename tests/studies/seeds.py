@@ -45,9 +45,9 @@ def walked(sim, policies, sets, opponents, first=POOLED_FIRST, **settings):
             row = common.row_of(ended, name, far, seed=seed, push=push)
             for other in opponents if name == "policy" else ():
                 ratio = evaluate.time_ratio(ended, walks[other])
-                row[f"over_{other}"] = ratio["time_ratio"]
-                row[f"over_{other}_ci95"] = ratio["time_ratio_ci95"]
-                row[f"median_over_{other}"] = ratio["median"]
+                row[f"over_{other}"] = ratio.get("time_ratio")
+                row[f"over_{other}_ci95"] = ratio.get("time_ratio_ci95")
+                row[f"median_over_{other}"] = ratio.get("median")
             rows.append(row)
     return {"goals": sets * common.PER_SET, "rows": rows}
 
