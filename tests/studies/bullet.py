@@ -3,21 +3,23 @@
     python -m pip install --only-binary=:all: pybullet==3.2.7
 
 MuJoCo's model of a robot holds all of its numbers: masses, places, motors, a Body. `BulletSim` hands
-them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So of MujocoSim's
-methods only `place` and `advance` are new. The servo is that of stage 1, computed again every 2 ms and
-given as a torque; PyBullet's own position motor follows another law. Traps:
-- PyBullet has no `armature`. The inertia of a rotor is added to the link below its joint, about the
+them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So only the
+methods `place` and `advance` differ from those of MujocoSim. The servo is that of stage 1, computed
+again every 2 ms and given as a torque, because PyBullet's own position motor follows another law.
+Traps:
+- PyBullet has no `armature`. We add the inertia of a rotor to the link below its joint, about the
   axis of the joint. (With the light link alone, 2 ms would be too long for this stiffness.)
-- A link has one joint. So where two axes meet, in hip and ankle, a link of 1 g stands between them.
-- `createMultiBody` puts the frame of the base somewhere; what is read later is where its centre of
-  mass is. (Confused, the robots fall from a height of 12 cm, and most of them walk on.)
-- Dry friction is a motor that tries to hold its joint still, with so much torque at most.
-- PyBullet multiplies the μ of two shapes: that of the floor is 1. Its friction cone is round only
+- A link has one joint. Where two axes meet, in hip and ankle, a link of 1 g is between them.
+- `createMultiBody` takes the place of the torso's frame, but what we read later is the place of its
+  centre of mass. (If they are confused, the robots begin 12 cm above the floor, fall onto it, and
+  most of them walk on.)
+- Dry friction is a motor that tries to hold its joint still, with at most that torque.
+- PyBullet multiplies the μ of two shapes, so that of the floor is 1. Its friction cone is round only
   with enableConeFriction.
 - `createMultiBody` takes no inertias and no joint limits, and leaves the joints' damping undefined:
   `changeDynamics` sets them.
-Every robot has a world of its own, as some walk while others wait; a reset builds it again. (For each
-world PyBullet prints a line `argv[0]=`.)
+Every robot has a world of its own, because some walk while others wait. A reset builds the world
+again. (For each world PyBullet prints a line `argv[0]=`.)
 """
 
 import numpy as np

@@ -326,9 +326,10 @@ def readme_table(rows):
 
 
 def said(name):
-    """Returns what a study has found: {name: sentences or table}."""
-    paths = RESULTS.glob(f"*/studies/{name}.json")
-    return import_module(name).found({path.parts[-3]: read_json(path) for path in paths})
+    """Returns what a study has found: {name: sentences or table}; nothing before it was measured."""
+    paths = [*RESULTS.glob(f"*/studies/{name}.json")]
+    numbers = {path.parts[-3]: read_json(path) for path in paths}
+    return import_module(name).found(numbers) if numbers else {}
 
 
 def filled(text):
@@ -339,7 +340,7 @@ def filled(text):
 
 def paragraphs(*sentences):
     """Returns sentences as Markdown; a table has an empty line before it and behind it."""
-    blocks = [block.strip() for block in " ".join(sentences).split("\n\n")]
+    blocks = [block.strip() for block in " ".join(sentences).strip().split("\n\n")]
     return "\n\n".join(b if b[0] == "|" else filled(b) for b in blocks) + "\n"
 
 
@@ -372,12 +373,13 @@ def readme_result(rows):
         f"by hand (`expert`) takes {by_hand:.1f} s. The paper's controller takes {tuned:.1f} s when it "
         f"is tuned for this world, and {paper:.1f} s with the settings of its authors. "
         f"{said('seeds')['pooled']} Two double steps after it has reached a far goal, the policy is "
-        f"still there in {still} of the walks, and `expert` in {still_by_hand}."
+        f"still there in {still} of the walks, and `expert` in {still_by_hand}.\n\n"
+        f"{said('transfer').get('models', '')}"
     )
 
 
 def readme_findings():
-    """README's list of what we found: at most six, of at most three numbers a sentence."""
+    """README's list of what we found: at most seven, of few numbers a sentence."""
     shipped = read_trials(RESULTS / "mujoco" / "trials.csv")
     policy, tuned, expert = (
         together([shipped[name, True, std] for std in STD.values()])
@@ -399,6 +401,8 @@ def readme_findings():
         f"*The estimate is as good as it claims.* {seeds['estimate']}",
         f"*Errors that last.* {kicks['slow']}",
     ]
+    if elsewhere := said("transfer"):
+        lines.append(f"*Elsewhere.* {elsewhere['others']}")
     return "".join(f"- {line}\n" for line in lines)
 
 
