@@ -936,7 +936,8 @@ def main(argv=None):
         walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
-            plot_tour(world, planners[shown], args.push or 0.8, out / "animation.gif")
+            push = args.push or (0.8 if args.mujoco else 0.5)  # [m/s] ours: the robot stays up
+            plot_tour(world, planners[shown], push, out / "animation.gif")
     film = " and animation.gif" * args.gif
     print(
         f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"
