@@ -936,7 +936,8 @@ def main(argv=None):
         walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
-            push = args.push or (0.8 if args.mujoco else 0.5)  # [m/s] ours: the robot stays up
+            # [m/s] our choice: the robot stays up
+            push = args.push or {"mujoco": 0.8, "pymunk": 0.5}[args.sim]
             plot_tour(world, planners[shown], push, out / "animation.gif")
     film = " and animation.gif" * args.gif
     print(
