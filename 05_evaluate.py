@@ -945,7 +945,9 @@ def main(argv=None):
         walks = {name: [*record(planners[name], world, trials)] for name in names}
         plot_footsteps(world.engine.robot, walks, out / "footsteps.png")
         if args.gif:  # a minute
-            plot_tour(world, planners[shown], args.push or 0.8, out / "animation.gif")
+            # [m/s] our choice: the robot stays up
+            push = args.push or {"mujoco": 0.8, "pymunk": 0.5}[args.sim]
+            plot_tour(world, planners[shown], push, out / "animation.gif")
     film = " and animation.gif" * args.gif
     print(
         f"Look at footsteps.png{film}; evaluation.json, trials.csv and table.md are beside it, in {out}"
