@@ -3,8 +3,9 @@
     python 05_evaluate.py --mujoco --noise --episodes 100 --robot tests/exercises/starters/op3.py
 
 A file for --robot defines ROBOT, WALK and LIMITS. Nothing is trained: stage 5's policy plans steps
-for a robot that it has never seen. Source: google-deepmind/mujoco_menagerie, robotis_op3/op3.xml;
-links that turn together are merged, arms and head (the arms hang) belong to the torso.
+for a robot that it has never seen. The numbers are those of robotis_op3/op3.xml in
+google-deepmind/mujoco_menagerie. Links that turn together are merged. Head and hanging arms belong to
+the torso.
 """
 
 import sys
@@ -42,9 +43,9 @@ ROBOT = robot_model.RobotModel(
     joint_min=(-1.57, -1.57, -2.0, -0.1, -1.4, -1.2),  # our choice: the file has no limits
     joint_max=(1.57, 1.57, 1.5, 2.4, 1.4, 1.2),
 )
-# Begun with our walk of stage 2 on legs of 0.65 of ours (lengths · 0.65, time · √0.65), with lower
-# and narrower steps: the rotors are heavy for so small a robot. Then a search by walk.py of 65
-# candidates with 64 plans each, in two minutes (half_ticks stayed).
+# We began with our walk of stage 2, scaled to legs of 0.65 times the length (lengths · 0.65, time ·
+# √0.65), and with lower and narrower steps, because the rotors are heavy for so small a robot. Then
+# walk.py searched with 65 candidates of 64 plans each, in two minutes (half_ticks stayed).
 WALK = walk_engine.WalkParameters(
     half_ticks=26,
     double_support=0.0421,
