@@ -16,8 +16,8 @@ Traps:
 - Dry friction is a motor that tries to hold its joint still, with at most that torque.
 - PyBullet multiplies the μ of two shapes, so that of the floor is 1. Its friction cone is round only
   with enableConeFriction.
-- `createMultiBody` takes no inertias and no joint limits, and leaves the joints' damping undefined:
-  `changeDynamics` sets them.
+- `createMultiBody` takes no inertias, and leaves the joints' damping undefined: `changeDynamics` sets
+  both. (It takes no joint limits either. We leave them out, because no walk comes near them.)
 Every robot has a world of its own, because some walk while others wait. A reset builds the world
 again. (For each world PyBullet prints a line `argv[0]=`.)
 """
@@ -90,17 +90,15 @@ class BulletSim(robot_model.MujocoSim):
             linkJointAxis=axes,
             flags=world.URDF_USE_SELF_COLLISION,  # the feet touch one another
         )
-        for k, (low, high) in enumerate(model.jnt_range, -1):  # -1: the torso, without a joint
+        for k, inertia in enumerate(inertias, -1):  # -1: the torso
             world.changeDynamics(
                 ROBOT,
                 k,
                 lateralFriction=model.pair_friction[0, 0],
-                localInertiaDiagonal=inertias[k + 1],
+                localInertiaDiagonal=inertia,
                 linearDamping=0,
                 angularDamping=0,
                 jointDamping=0,
-                jointLowerLimit=low,
-                jointUpperLimit=high,
             )
         for k, angle in enumerate(joints):
             world.resetJointState(ROBOT, k, angle)

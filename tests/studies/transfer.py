@@ -91,8 +91,7 @@ def team_sim(urdf, mend, sim, num_robots, standing, robot, cores):
 
     spec = mujoco.MjSpec.from_string(urdf)
     spec.compiler.balanceinertia = True  # inertias of some links are rounded to what cannot be
-    torso = spec.worldbody.first_body()
-    torso.add_freejoint()
+    spec.worldbody.first_body().add_freejoint()
     for joint in spec.joints[1:]:
         if joint.name not in NAMES:  # an arm or the head: it is held, and part of the torso
             held, turn = np.zeros((2, 4))
@@ -119,9 +118,9 @@ def team_sim(urdf, mend, sim, num_robots, standing, robot, cores):
     for name in OPTIONS:
         setattr(model.opt, name, getattr(ours.opt, name))
     model.pair_friction[:] = ours.pair_friction[0]
-    # Hip and foot are two bodies each: only the mass of the lower one is random.
-    below = np.delete(NAMES, [0, 4, 6, 10])  # but hip yaw and ankle pitch
-    parts = [torso.name, *(spec.joint(name).parent.name for name in below)]
+    # The bodies with random masses: the torso, and those below our joints but for hip yaw and ankle
+    # pitch (hip and foot are two bodies each, and only the mass of the lower one is random).
+    parts = np.delete(model.jnt_bodyid, [1, 5, 7, 11]).tolist()
     return robot_model.MujocoSim(num_robots, standing, robot, cores, model, parts)
 
 
