@@ -258,9 +258,9 @@ def row_of(ended, name, far=False, **more):
     return {**more, **evaluate.summary(name, True, STD[far], ended, env.Task())}
 
 
-def plot_race(robot, walks, path, every=10, more=lambda axes: None):
-    """Films walks to one goal, by planner, side by side, at twice their speed, 16 s at most. It draws
-    a picture every so many ticks; more(axes) may add to it.
+def plot_race(robot, walks, path, every=10):
+    """Films walks to one goal, by planner, side by side, at twice their speed, 16 s at most, with a
+    picture every so many ticks.
     """
     last = min(max(len(walk["torso"]) for walk in walks.values()), 1600) - 1
     ways = [[walk["goal"][:2], *walk["torso"][:last, :2]] for walk in walks.values()]
@@ -280,7 +280,6 @@ def plot_race(robot, walks, path, every=10, more=lambda axes: None):
                 torso, joints = walk["torso"][now], walk["joints"][now]
                 env.draw_scene(panel, robot, walk["goal"], feet, torso, joints)
                 panel.set_title(f"{name}\n{title}", parse_math=False)
-                more(panel)
                 panel.axis([left, right, low, high])
             yield
 

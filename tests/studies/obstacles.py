@@ -196,7 +196,7 @@ def draw_discs(axes, field, camera):
     axes.plot(*(camera[1:, :2] @ way.T), "k:", lw=1, zorder=0.4)
 
 
-SHOWN = 2, 1, 0  # fields of the figure; the film shows the first
+SHOWN = 2, 1, 0  # fields of the figure
 
 
 def plot(found, sim):
@@ -216,20 +216,7 @@ def plot(found, sim):
     return figure
 
 
-def study_film(args):
-    """Films the walk through the first field: obstacles.gif beside the table."""
-    field, walk = next(recorded(args.sim, SHOWN))
-    camera = robot_model.camera_at()
-    common.plot_race(
-        robot_model.RobotModel(),
-        {"policy": walk},
-        args.out / "obstacles.gif",
-        more=lambda axes: draw_discs(axes, field, camera),
-    )
-    return {"ending": walk["ending"]}
-
-
-PARTS = {"walks": study, "film": study_film}
+PARTS = {"walks": study}
 
 
 def table(found, sim):

@@ -90,7 +90,6 @@ def team_sim(urdf, mend, sim, num_robots, standing, robot, cores):
     import mujoco
 
     spec = mujoco.MjSpec.from_string(urdf)
-    spec.compiler.balanceinertia = True  # inertias of some links are rounded to what cannot be
     spec.worldbody.first_body().add_freejoint()
     for joint in spec.joints[1:]:
         if joint.name not in NAMES:  # an arm or the head: it is held, and part of the torso
@@ -132,8 +131,7 @@ def measure(args, cases, walks):
         raise robot_model.InputError("this study is about the 3-D robot: add --mujoco")
     policy, opponents, rows = {None: common.shipped(args.sim)}, common.opponents(args.sim), []
     for case, settings in ({OWN: {}} | cases).items():
-        settings = settings | {"num_robots": walks}
-        found = seeds.walked(args.sim, policy, 1, opponents, SEED, **settings)
+        found = seeds.walked(args.sim, policy, 1, opponents, SEED, num_robots=walks, **settings)
         rows += [{"case": case} | row for row in found["rows"]]
     return rows
 
