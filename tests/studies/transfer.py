@@ -146,7 +146,7 @@ def study_bullet(args):
     """The other engine; a quarter of the walks, because it is slow."""
     if not args.bullet:
         return print("PyBullet is left out: --bullet")
-    return measure(args, {BULLET: {"simulate": BulletSim}}, args.walks // 4)
+    return measure(args, {BULLET: {"simulate": BulletSim}}, max(1, args.walks // 4))
 
 
 def study_urdf(args):
