@@ -905,6 +905,7 @@ def test_a_picture_shows_the_chosen_footsteps_before_they_are_taken(sim):
             return env.to_action(ahead, view.limits)
 
     with closing(env.FootstepWorld(1, sim, cores=1)) as world:
+        world.reset([0], [default_rng(3)])
         for _ in range(3):
             result = evaluate.double_step(Ahead(), world, np.array([0]), [0.1, 0])
             for _ in evaluate.pictures(axes, world, feet, result["motion"], [0.1, 0]):
