@@ -7,18 +7,18 @@ of sections and references are the paper's. `tests/exercises/ledger.md` lists wh
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 Draws the robot with its lengths (`runs/<sim>/01_standing.png`). Then 101 robots stand for a second.
-Each of them leans forward within eight seconds, slowly at the beginning and at the end, to an angle
+Each of them leans forward in eight simulated seconds, slowly at the beginning and at the end, to an angle
 of its own between 0.25 and 0.35 rad. There it waits for three seconds. `01_robot.png` shows the
-robot that fell at the smallest lean. The stage takes 4 seconds. Nothing in it is random, so
+robot that fell at the smallest lean. All of this computes for 4 seconds. Nothing in it is random, so
 `--seed` changes nothing.
 
 Predict this smallest lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the ankle axes) do
 not move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is
 0.0127 m ahead of the ankle axes and 0.3993 m above them. The toes are 0.108 m ahead of the axes.
-At which turn is the centre of mass of the whole robot above the toes? The planar robot falls
-0.002 rad earlier than your pencil says, because even a slow lean has some speed. In 3-D a servo is
-a spring (`stiffness`), and two ankles share the load. By how much do they give way, and does that
-help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
+At which turn is the centre of mass of the whole robot above the toes? The planar robot falls at
+0.002 rad less than your pencil says, because even a slow lean has some speed. In 3-D a servo is
+a spring (`stiffness`), and two ankles share the load. By how much do the ankles give way, and does
+that help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
 
 How to read this file: read down to the double rule. Below it are the simulators, the drawing, and
 the code for the command line and for files.

@@ -1,15 +1,16 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal or with a
-fall. To arrive is to stay: two double steps in a row must end at the goal (one in the paper).
+Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
+fall, or when its time is up. At the goal two double steps in a row must end (one in the paper).
 
     python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
-(`--mujoco` in 3-D.) With both planners the goals are measured without noise. The stage prints what
+(`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what
 is observed, what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`,
 whose right panel is about noisy goals. Predict: which two reward terms have the largest positive
-sums for the hand-written planner, and which terms have negative sums? A measurement of x or y is
-off by 5 cm. How far off is an estimate made from one of them, from five, from ten?
+sums for the hand-written planner, and which terms have negative sums? A measurement of x or y has
+an error with a standard deviation of 5 cm. How large is that of an estimate made from one of them,
+from five, from ten?
 
 An episode is one walk: from standing to the goal, to a fall or to the end of the time. A planner
 chooses the actions. A policy is a planner that is learned: a function from the observation to an
@@ -20,7 +21,7 @@ time is up, the walk could go on: the episode is truncated. Stage 4 must tell th
 method of stage 4, as a `gymnasium.vector.VectorEnv`; `FootstepEnv` ("Footsteps-v0") shows one robot
 of it to other libraries as a `gymnasium.Env`.
 
-Of some parts the paper gives only names and captions, so we reconstructed them: the formulas and
+The paper only names some parts, so we reconstructed them: the formulas and
 scalars of the reward, the encoding of the observation, the spread of goals and noise. Three parts
 are ours. Floor and body are random in every episode (`Spread`: domain randomization), and no
 planner knows their values. The robot is pushed, if you ask for it. An estimate of the goal combines

@@ -6,15 +6,15 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
 
     python 04_ppo.py                 250,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
-    python 04_ppo.py --quick         60,000 of them, a lesson of two minutes, into runs/<sim>/quick/
+    python 04_ppo.py --quick         60,000 double steps, in two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
     python 04_ppo.py --imu           the policy also observes the torso's tilt and its rates
     python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
 In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
 the start, as the most likely action of the first policy is to step on the spot. At first the return
-falls, though nothing is wrong: the first episodes are cut off after random times, so the short ones
-end first, and a short walk costs little. The entropy should fall, since the policy explores less.
+falls, though nothing is wrong. The first episodes are cut off after random times. Those that end
+first are short, and a short walk costs little. The entropy should fall, since the policy explores less.
 So should the clip fraction and the KL, since each update changes the policy less. The critic should
 explain more of the variance.
 
@@ -37,7 +37,7 @@ An episode is many decisions. Its probability is a product, so its logarithm is 
 ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
 they drop out like b. And strictly, decision t has the weight γᵗ. Nearly everybody leaves this
-weight out, since late decisions would hardly be improved with it. Following this gradient makes
+weight out, since with it late decisions would hardly improve. Following this gradient makes
 good actions more likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.

@@ -4,7 +4,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 [10] is a velocity controller: its speed is proportional to the distance, up to a limit.
 
     python 05_evaluate.py --noise          the paper's table and footstep figure, in a minute
-    python 05_evaluate.py --noise --far    also 500 goals twice as far (a block of the table)
+    python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
     python 05_evaluate.py --gif            also a film: three goals, and a push on the way
     python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
@@ -23,16 +23,16 @@ often with it. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
-is the goal as they know it, x, y [m], yaw [rad]. With noise it is estimated from all measurements
+is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all measurements
 so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked example. All
 planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same noise
 (common random numbers). So a difference between two rows comes from the planners. `baseline` is the
 paper's, but decides once per double step. `baseline_tuned` has settings optimised for this world.
 
 How sure are we? The true rate is that of infinitely many trials. A 95 % interval holds all true
-rates that fit the count in these trials; of 100 such intervals about 95 contain the truth. A far
+rates that make this count plausible; of 100 such intervals about 95 contain the truth. A far
 trial is a near one with its goal twice as far. So 500 near and 500 far walks are 500 pairs, not
-1,000 independent walks. Seed 0 is for trying things: judge what you chose by another `--seed`.
+1,000 independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
