@@ -7,10 +7,10 @@ of sections and references are the paper's. `tests/exercises/ledger.md` lists wh
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 Draws the robot with its lengths (`runs/<sim>/01_standing.png`). Then 101 robots stand for a second.
-Each of them leans forward in eight simulated seconds, slowly at the beginning and at the end, to an angle
-of its own between 0.25 and 0.35 rad. There it waits for three seconds. `01_robot.png` shows the
-robot that fell at the smallest lean. All of this computes for 4 seconds. Nothing in it is random, so
-`--seed` changes nothing.
+Each of them leans forward in eight simulated seconds, slowly at the beginning and at the end, to
+an angle of its own between 0.25 and 0.35 rad. There it waits for three seconds. `01_robot.png`
+shows the robot that fell at the smallest lean. All of this computes for 4 seconds. Nothing in it is
+random, so `--seed` changes nothing.
 
 Predict this smallest lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the ankle axes) do
 not move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is

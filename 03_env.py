@@ -1,13 +1,13 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
-fall, or when its time is up. At the goal two double steps in a row must end (one in the paper).
+fall, or when its time is up. Two double steps in a row must end at the goal (one in the paper).
 
     python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
-(`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what
-is observed, what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`,
-whose right panel is about noisy goals. Predict: which two reward terms have the largest positive
+(`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
+what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
+is about noisy goals. Predict: which two reward terms have the largest positive
 sums for the hand-written planner, and which terms have negative sums? A measurement of x or y has
 an error with a standard deviation of 5 cm. How large is that of an estimate made from one of them,
 from five, from ten?
