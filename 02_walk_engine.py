@@ -1,26 +1,26 @@
 """Stage 2: how do two footsteps become a walk?
 
-The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly) for
-the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation. We
-add three answers to what the IMU measures (`WalkPlan`); in the paper they are future work. They are
-a reflex of the ankles, capture steps, which land where the robot leans, and waiting, which lets a
-step take longer. The last two are off unless you turn them on.
+The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly)
+for the swing foot and the trunk, analytic inverse kinematics, and parameters found by optimisation.
+We add three answers to what the IMU measures (`WalkPlan`); in the paper they are future work. They
+are a reflex of the ankles, capture steps, which land where the robot leans, and waiting, which lets
+a step take longer. The last two are off unless you turn them on.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
 Prints, for four walks of eight double steps, where the robot was commanded to end and where it
 ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
 1.2 cm of the command. The 3-D robot misses it by up to 0.12 m and 0.15 rad, and a planner has to
-correct this. (More grip does not help, as a try with `friction` 5 shows.) `python tests/studies/walk.py`
-measures how fast and how well the robot walks on other floors and with other bodies, and tunes the
-walk. Nothing is random here, so `--seed` changes nothing.
+correct this. (More grip does not help, as a try with `friction` 5 shows.) `python
+tests/studies/walk.py` measures how fast and how well the robot walks on other floors and with other
+bodies, and tunes the walk. Nothing is random here, so `--seed` changes nothing.
 
 Then three times twelve robots are pushed forward during a walk, each of the twelve at another
-moment of the double step. They walk in open loop, then with the reflex, then with the reflex, capture
-steps and waiting (`capture`, `wait`). Guess first: how many of the twelve fall each time, in 3-D and
-on the plane? (Answers: `tests/exercises/predict.md`, capture. Waiting rarely starts after a push forward.)
-A push of 0.8 m/s is a force for 50 ms. It would give the torso alone this speed, and the whole robot
-0.57 of it.
+moment of the double step. They walk in open loop, then with the reflex, then with the reflex,
+capture steps and waiting (`capture`, `wait`). Guess first: how many of the twelve fall each time,
+in 3-D and on the plane? (Answers: `tests/exercises/predict.md`, capture. Waiting rarely starts
+after a push forward.) A push of 0.8 m/s is a force for 50 ms. It would give the torso alone this
+speed, and the whole robot 0.57 of it.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. (0, 0, 0) is the swing foot's usual place: beside the other foot, at
@@ -44,11 +44,11 @@ where the other foot takes over: y(P/4) = p. Therefore in mid-step the mass has 
 
     p − y₀ = p·(1 − 1/cosh(√(g/h)·P/4))
 
-towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and
-P = 0.62 s, and compare the share of p with that of the tuned plan, which the stage prints. The
-centre of mass sways less than `trunk_swing` says, because the legs move less than the trunk.
-`trunk_roll` adds a little sway. And the foot is no point: it may press anywhere on its sole. The planar robot does not sway,
-as it cannot fall sideways.
+towards the foot. Put in h = 0.36 m (the centre of mass; the torso frame is at 0.38 m) and P = 0.62
+s, and compare the share of p with that of the tuned plan, which the stage prints. The centre of
+mass sways less than `trunk_swing` says, because the legs move less than the trunk. `trunk_roll`
+adds a little sway. And the foot is no point: it may press anywhere on its sole. The planar robot
+does not sway, as it cannot fall sideways.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """

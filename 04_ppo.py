@@ -14,9 +14,9 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
 In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
 the start, as the most likely action of the first policy is to step on the spot. At first the return
 falls, though nothing is wrong. The first episodes are cut off after random times. Those that end
-first are short, and a short walk costs little. The entropy should fall, since the policy explores less.
-So should the clip fraction and the KL, since each update changes the policy less. The critic should
-explain more of the variance.
+first are short, and a short walk costs little. The entropy should fall, since the policy explores
+less. So should the clip fraction and the KL, since each update changes the policy less. The critic
+should explain more of the variance.
 
 During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. At the end the stage
 writes policy.pt, learning_curve.csv and learning_curve.png there. It also writes the policy before

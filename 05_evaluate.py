@@ -23,11 +23,12 @@ often with it. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials, and `act(view)`, which
 returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal` [n, 3]
-is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all measurements
-so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked example. All
-planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same noise
-(common random numbers). So a difference between two rows comes from the planners. `baseline` is the
-paper's, but decides once per double step. `baseline_tuned` has settings optimised for this world.
+is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
+measurements so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked
+example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
+same noise (common random numbers). So a difference between two rows comes from the planners.
+`baseline` is the paper's, but decides once per double step. `baseline_tuned` has settings optimised
+for this world.
 
 How sure are we? The true rate is that of infinitely many trials. A 95 % interval holds all true
 rates that make this count plausible; of 100 such intervals about 95 contain the truth. A far
