@@ -11,39 +11,34 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     python 04_ppo.py --imu           the policy also observes the torso's tilt and its rates
     python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
-In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
-the start, as the most likely action of the first policy is to step on the spot. At first the return
-falls, though nothing is wrong. The first episodes are cut off after random times. Those that end
-first are short, and a short walk costs little. The entropy should fall, since the policy explores
-less. So should the clip fraction and the KL, since each update changes the policy less. The critic
-should explain more of the variance.
-
 During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. At the end the stage
 writes policy.pt, learning_curve.csv and learning_curve.png there. It also writes the policy before
 the training (policy.start.pt) and the policy after a tenth of it (policy.tenth.pt). The goal is
 measured with noise, unless you say --no-noise.
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
-The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …; PPO makes its average large.
+The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …, with the reward r_t of a step
+and the discount γ, a little below 1. PPO makes its average large.
   value      V(s) = E[G_t | s]: the average return from s on; learned by a second network,
              the critic
-  advantage  A_t: how much better the action was than the average one, about G_t − V(s_t)
-How the average changes with the policy's parameters (the policy gradient), first for one decision;
-∇ is the gradient with respect to the parameters (for continuous actions Σ is an integral):
+  advantage  A_t: how much better the action was than the average one, about G_t − V(s_t) [GAE]
+The policy gradient says how the average changes with the policy's parameters; ∇ is the gradient
+with respect to these. First for one decision (for continuous actions Σ is an integral):
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
-  A number b that does not depend on a changes nothing: E[b·∇ln π] = b·Σ_a ∇π = b·∇1 = 0.
+  A number b that does not depend on a changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
-ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
+An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all ln
+π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
-they drop out like b. And strictly, decision t has the weight γᵗ. Nearly everybody leaves this
-weight out, since with it late decisions would hardly improve. Following this gradient makes
-good actions more likely and bad ones less.
+they drop out like b. And strictly, the gradient of decision t has the factor γᵗ. Nearly everybody
+leaves it out, since with it late decisions would hardly improve. Following this gradient makes good
+actions more likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
-ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again.
+ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again. It clips ρ, so that a
+rollout cannot change the policy much (`clipped_objective`).
 
-The loop: (1) collect a rollout: N robots take T steps; (2) judge every action; (3) improve the
-policy; (4) log. Repeat.
+The loop: (1) collect a rollout: N robots take T double steps each; (2) judge every action; (3)
+improve the policy; (4) log. Repeat.
 
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
 there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
@@ -52,6 +47,13 @@ stopped. A 0 there would train the critic to give walking well at 99 s the same 
 the floor. So the missing sum is replaced by V of the LAST observation of that episode
 ("bootstrapping"). The first observation of the next episode must not be used. Where a rollout ends
 within an episode, the missing sum is replaced by V of the observation that follows.
+
+In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
+the start, as the most likely action of the first policy is to step on the spot. The return begins
+too high and falls at first: the first episodes are cut off after random times, and those that end
+first are short and have cost little. The entropy, which says how random the policy is, should fall.
+So should the clip fraction and the KL, which say how much a rollout changes the policy. The critic
+should predict more and more of the differences between the returns (explained variance).
 
 Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback-Leibler divergence
 (KL), recurrent policies, normalisation of observations and rewards, GPUs.

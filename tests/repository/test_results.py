@@ -28,7 +28,7 @@ LONGEST = {
     "results/mujoco/README.md": 115,
     "tests/README.md": 40,
     "tests/exercises/course.md": 340,
-    "tests/exercises/projects.md": 185,
+    "tests/exercises/projects.md": 190,
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
