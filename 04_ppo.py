@@ -27,8 +27,8 @@ with respect to these. First for one decision (for continuous actions Σ is an i
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
   A number b that does not depend on a changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all ln
-π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
+An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
+ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
 its decisions are added. Two details: the rewards before a decision do not depend on its action, so
 they drop out like b. And strictly, the gradient of decision t has the factor γᵗ. Nearly everybody
 leaves it out, since with it late decisions would hardly improve. Following this gradient makes good
