@@ -1,27 +1,28 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
-Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6]. (Numbers
-of sections and references are the paper's. `tests/exercises/ledger.md` lists what the paper says.)
+Paper: section II-a, a simulated biped with position-controlled joints. The robot is [6]. (Sections
+and references have the paper's numbers. `tests/exercises/ledger.md` lists what the paper says.)
 
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
 Draws the robot with its lengths (`runs/<sim>/01_standing.png`). Then 101 robots stand for a second.
-Each of them leans forward in eight simulated seconds, slowly at the beginning and at the end, to
-an angle of its own between 0.25 and 0.35 rad. There it waits for three seconds. `01_robot.png`
-shows the robot that fell at the smallest lean. All of this computes for 4 seconds. Nothing in it is
-random, so `--seed` changes nothing.
+Each of them leans forward to an angle of its own, between 0.25 and 0.35 rad. This takes eight
+simulated seconds, slow at the beginning and at the end. Then it waits for three seconds.
+`01_robot.png` shows the robot that fell at the smallest lean. The program takes 4 seconds. Nothing
+in it is random, so `--seed` changes nothing.
 
-Predict this smallest lean. The feet (1.19 kg, centre of mass 0.006 m ahead of the ankle axes) do
+Predict this smallest lean. The feet (1.19 kg, centre of mass 0.001 m behind the ankle axes) do
 not move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is
-0.0127 m ahead of the ankle axes and 0.3993 m above them. The toes are 0.108 m ahead of the axes.
-At which turn is the centre of mass of the whole robot above the toes? The planar robot falls at
-0.002 rad less than your pencil says, because even a slow lean has some speed. In 3-D a servo is
-a spring (`stiffness`), and two ankles share the load. By how much do the ankles give way, and does
-that help or hurt? (Answers: `tests/exercises/predict.md`, lean.)
+0.0137 m ahead of the ankle axes and 0.4104 m above them. The toes are 0.108 m ahead of the axes.
+By which angle must the rest turn, so that the centre of mass of the whole robot is above the toes?
+The planar robot falls at 0.002 rad less than your pencil says, because even a slow lean has some
+speed. In 3-D the motor of a joint is a spring (`stiffness` of `RobotModel`), and two ankles share
+the load. By how much do the ankles give way, and does that help or hurt? (Answers:
+`tests/exercises/predict.md`, lean.)
 
-How to read this file: read down to the double rule. Below it are the simulators, the drawing, and
-the code for the command line and for files.
+How to read this file: read down to the line of equals signs, "the end of a first reading". Below it
+are the simulators, the drawing, and the code for the command line and for files.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -51,17 +52,17 @@ the code for the command line and for files.
     ankle roll        x     lifts the left edge of the sole
 
 Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule (the thumb
-along the axis); a positive pitch turns z towards x, so the torso leans forward. All twelve joints:
-left leg, then right leg, each in the order of the table. The sagittal plane is the plane of x and
-z. Trunk and torso are the same part: "trunk" is its commanded pose, "torso" its simulated pose. The
-support foot stays on the floor while the swing foot moves. The sole is the rectangle under a foot.
-Shapes: N robots, n some of them (given by their indices), T control ticks.
+along the axis); a positive pitch turns z towards x, so the torso leans forward. The twelve joints
+are those of the left leg, then those of the right leg, each in the order of the table. The sagittal
+plane is the plane of x and z. Trunk and torso mean the same part: "trunk" is where it is commanded
+to be, "torso" where it is. The support foot stays on the floor while the swing foot moves. The sole
+is the rectangle under a foot. Letters in the shapes of arrays: N all robots, n some of them (given
+by their indices), T control ticks of 0.01 s, in each of which a motor gets a new target.
 
-Left out: arms and head (their mass is in the torso), gear play, and all sensors but two: those of
-the joints, and the IMU (inertial measurement unit), which measures the torso's tilt and turning
-rates. Only the soles can touch anything.
+The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
+torso's tilt and turning rates. (It measures the goal in stage 3.) Left out: all other sensors, arms
+and head (their mass is in the torso), gear play. Only the soles can touch anything.
 
-[5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
     Competitions.
 """
@@ -108,15 +109,16 @@ class Link:
 class RobotModel:
     """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
 
-    # Masses: public model. Centres of mass and inertias: our estimates for the merged parts.
-    torso: Link = Link(3.490, (0.0, 0.0, 0.120), (0.045, 0.035, 0.025))  # with arms and head
+    # Masses, centres of mass, the torso's inertia: public model; arms as carried in a walk, the
+    # left leg. Other inertias: our estimates for the merged parts.
+    torso: Link = Link(3.490, (-0.007, 0.0, 0.141), (0.050, 0.037, 0.025))  # with arms and head
     hip: Link = Link(0.389, (0.0, 0.0, 0.0), (0.0004, 0.0004, 0.0004))  # yaw and roll motors
-    thigh: Link = Link(0.242, (0.0, 0.0, -0.085), (0.0008, 0.0008, 0.0003))
-    shin: Link = Link(0.088, (0.0, 0.0, -0.085), (0.0003, 0.0003, 0.0001))
-    foot: Link = Link(0.595, (0.006, 0.004, -0.019), (0.0012, 0.0016, 0.0016))  # and ankle motors
+    thigh: Link = Link(0.242, (0.0, 0.0, -0.133), (0.0008, 0.0008, 0.0003))
+    shin: Link = Link(0.088, (0.0, 0.0, -0.062), (0.0003, 0.0003, 0.0001))
+    foot: Link = Link(0.595, (-0.001, 0.004, -0.006), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
     hip_z: float = -0.041  # [m] height of the hips in the torso frame
-    hip_x: float = 0.0  # [m] hip pitch axis ahead of the axes of hip yaw and roll; simplified
+    hip_x: float = 0.0231  # [m] hip pitch axis ahead of the axes of hip yaw and roll
     thigh_length: float = 0.169  # [m] hip axis to knee axis
     shin_length: float = 0.170  # [m] knee axis to ankle axis
     ankle_height: float = 0.053  # [m] ankle axis above the sole
@@ -128,12 +130,12 @@ class RobotModel:
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] here no torque is left
-    joint_min: tuple = (-1.57, -1.6, -2.77, -0.2, -1.42, -1.4)  # [rad] the knee's are rounded
-    joint_max: tuple = (1.57, 1.6, 0.79, 2.8, 0.37, 1.4)  # [rad]
-    # [N m s/rad] back-EMF (a turning motor is a generator, too, and brakes itself): torque limit /
-    # speed limit
-    damping: tuple = (10 / 5.76, 10 / 5.76, 10 / 5.76, 12.9 / 3.87, 10 / 5.76, 10 / 5.76)
-    stiction: tuple = (0.0,) * 6  # [N m] dry friction; left out here
+    joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)  # [rad] the knee's are rounded
+    joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)  # [rad]
+    # [N m s/rad] back-EMF (a turning motor is a generator, too, and brakes itself): it and dry
+    # friction leave nothing at the speed limit
+    damping: tuple = (1.23, 1.23, 1.23, 2.92, 1.23, 1.23)
+    stiction: tuple = (2.55, 2.55, 2.55, 1.49, 2.55, 2.55)  # [N m] dry friction
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
@@ -143,28 +145,13 @@ class RobotModel:
     stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of the constraint solver; our choice: joints stay together
+    planar_iterations: int = 20  # [-] of the solver; our choice: joints stay within 1.3 mm
     yaw_inertia: float = 0.05  # [kg m²] whole robot about the vertical; our estimate
 
     @property
     def hips(self):
         """Both hips in the trunk's frame, [2, 3] [m]."""
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
-
-
-# The public model's own numbers where `RobotModel` has estimates. (Arms as carried in a walk; of the
-# left leg.)
-TEAM = RobotModel(
-    torso=Link(3.490, (-0.007, 0.0, 0.141), (0.050, 0.037, 0.025)),
-    thigh=Link(0.242, (0.0, 0.0, -0.133), (0.0008, 0.0008, 0.0003)),
-    shin=Link(0.088, (0.0, 0.0, -0.062), (0.0003, 0.0003, 0.0001)),
-    foot=Link(0.595, (-0.001, 0.004, -0.006), (0.0012, 0.0016, 0.0016)),
-    hip_x=0.0231,
-    joint_min=(-1.57, -1.6, -2.74, -0.49, -1.42, -1.4),
-    joint_max=(1.57, 1.6, 0.82, 2.51, 0.37, 1.4),
-    damping=(1.23, 1.23, 1.23, 2.92, 1.23, 1.23),
-    stiction=(2.55, 2.55, 2.55, 1.49, 2.55, 2.55),
-)
 
 
 @dataclass
@@ -306,8 +293,8 @@ def leg_points(robot, joints):
     """Where the parts of a leg are, in the hip's frame, for angles [..., 6].
 
     Returns points [..., 5, 3]: hip (its axis of pitch), knee, ankle, heel, toe [m], the last two
-    straight behind and ahead of the ankle at the height of the sole; and the foot's rotation [..., 3, 3]
-    = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
+    straight behind and ahead of the ankle at the height of the sole; and the foot's rotation
+    [..., 3, 3] = Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
     """
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(joints, -1, 0)
     hip_turn = rotation(roll, 0, yaw)  # [..., 3, 3]
@@ -338,7 +325,7 @@ def leg_inverse(robot, position, foot_turn):
 
     1. The ankle's roll is the only joint between foot and shin that turns about another axis. So it
        is the angle that brings r, given in the foot's frame, into the plane of x and z.
-    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of the three pitches.
+    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches.
     3. The length of r gives the knee (law of cosines).
     4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
        the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.
@@ -359,9 +346,9 @@ def leg_inverse(robot, position, foot_turn):
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
-    # So far the hip was where yaw and roll turn. The axis of hip pitch is hip_x ahead of there, along
-    # the x axis (the first column) of a frame that is turned by −s before the ankle rolls: there it is
-    # (cos s, 0, sin s).
+    # So far the hip was where yaw and roll turn. The axis of hip pitch is hip_x ahead of there,
+    # along the x axis (the first column) of a frame that is turned by −s before the ankle rolls:
+    # there it is (cos s, 0, sin s).
     ahead = (roll_back @ rotation(0, -pitches, 0))[..., 0]  # [..., 3]
     rx, ry, rz = np.moveaxis(r + robot.hip_x * ahead, -1, 0)
     length = np.sqrt(rx**2 + ry**2 + rz**2)  # [...]
@@ -510,8 +497,8 @@ def main():
 
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
-    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds. The
-    # feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
+    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
+    # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
@@ -519,8 +506,8 @@ def main():
     sim = make_sim(args.sim, len(leans), standing)
     motion = sim.run(np.arange(len(leans)), Trajectory(joints, np.zeros_like(joints[..., :6])))
     sim.close()
-    if not motion.fell.any():
-        raise InputError(f"no lean from {leans[0]} to {leans[-1]} rad was enough to fall")
+    if motion.fell[0] or not motion.fell.any():
+        raise InputError("all of these robots fall, or none: change the range of `leans`")
     i = motion.fell.argmax()  # the first one
     print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
     down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
@@ -542,7 +529,7 @@ def main():
     print("Look at 01_standing.png and 01_robot.png in", out)
 
 
-# ======================================================================== the end of a first reading
+# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the control loop
 class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
@@ -664,9 +651,11 @@ def mujoco_model(robot):
     """The robot as a MuJoCo model. Each motor is a position servo (it drives its joint to a target
     angle) with a torque-speed line:
 
-    τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇, zero at the speed limit.
-    (<position> makes the first term, the joint's damping is the second one.) A joint that the
-    floor drives backward is braked harder than the limit, as by a real motor.
+        τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇
+
+    At the speed limit dry friction takes the rest of it. (<position> makes the first term, the
+    joint's damping is the second one.) A joint that the floor drives backward is braked harder than
+    the limit, as by a real motor.
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
@@ -739,9 +728,10 @@ class MujocoSim(Simulator):
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
 
     At the beginning of a tick a servo gets the target of the tick's end, which is 5 ms early on
-    average. Back-EMF makes a moving joint late by damping / stiffness: 5.8 ms, at the knee 11.1 ms.
-    Together, as measured, the knee is 4 ms late, and the other joints are 1.5 ms early. The
-    targets' rates are not used.
+    average. Back-EMF makes a moving joint late by damping / stiffness: 4.1 ms, at the knee 9.7 ms.
+    Dry friction makes it late by stiction / (stiffness · rate): at 1 rad/s 8.5 ms, the knee 5.0 ms.
+    Together, as measured at this rate, the knee is 7.4 ms late, and the other joints are 5.2 to
+    5.5 ms late. The targets' rates are not used.
 
     model: another MuJoCo model. It has a free joint, our twelve joints and their servos in our
     order, and pairs of shapes that touch, made of soles and floor. parts: its bodies, by name or
@@ -1076,7 +1066,7 @@ def make_sim(sim, num_robots, standing, robot=RobotModel(), cores=None):
 
 # ------------------------------------------------------------------------ drawing
 # Trunk, head and nose: both ends of a line in the torso's frame [m]; only pictures have a head.
-# Then colour and radius [m] of all lines: these three; thigh, shin, foot of the left, the right leg.
+# Then colour and radius [m] of all lines: these three; thigh, shin, foot of both legs, left first.
 UPPER_ENDS = np.array(
     [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
 )

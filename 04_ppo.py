@@ -25,7 +25,7 @@ and the discount γ, a little below 1. PPO makes its average large.
 The policy gradient says how the average changes with the policy's parameters; ∇ is the gradient
 with respect to these. First for one decision (for continuous actions Σ is an integral):
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
-  A number b that does not depend on a changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
+  A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
 An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
 ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
@@ -43,17 +43,19 @@ improve the policy; (4) log. Repeat.
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
 there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
 goal. After a cut-off (truncated: the time is up) the world would have gone on; only our recording
-stopped. A 0 there would train the critic to give walking well at 99 s the same value as lying on
-the floor. So the missing sum is replaced by V of the LAST observation of that episode
-("bootstrapping"). The first observation of the next episode must not be used. Where a rollout ends
-within an episode, the missing sum is replaced by V of the observation that follows.
+stopped. With a 0 there the critic would learn that a robot that walks well, just before its 100 s
+are up, is worth no more than one that lies on the floor. So the missing sum is replaced by V of the
+LAST observation of that episode ("bootstrapping"). The first observation of the next episode must
+not be used. Where a rollout ends within an episode, the missing sum is replaced by V of the
+observation that follows.
 
 In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
-the start, as the most likely action of the first policy is to step on the spot. The return begins
-too high and falls at first: the first episodes are cut off after random times, and those that end
-first are short and have cost little. The entropy, which says how random the policy is, should fall.
-So should the clip fraction and the KL, which say how much a rollout changes the policy. The critic
-should predict more and more of the differences between the returns (explained variance).
+the start, as the most likely action of the first policy is to step on the spot. The first episode
+of each robot is cut off after a random time, so that not all robots run out of time at once. The
+shortest of these episodes end first, and have collected few negative rewards. So the curve of the
+return begins too high, and sinks at first. The entropy, which says how random the policy is, should
+fall. So should the clip fraction and the KL, which say how much a rollout changes the policy. The
+critic should predict more and more of the differences between the returns (explained variance).
 
 Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback-Leibler divergence
 (KL), recurrent policies, normalisation of observations and rewards, GPUs.
@@ -301,7 +303,7 @@ def improve(model, optimizer, data, cfg):
             # Â = (A − mean) / std over the minibatch: is an action better or worse than the others?
             # So the actor's loss does not depend on the unit of the rewards. (The critic's does,
             # and both gradients are limited together.) A single fall makes the std large: with its
-            # −20 the Â of all others shrink to about a fifth.
+            # −10 the Â of all others shrink to about two fifths.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -476,6 +478,7 @@ def fingerprint(world, observed):
             "step limit": world.limits,
             "task": world.task,
             "spread": world.spread,
+            "drift": world.drift,
             "robot": world.engine.robot,
         }
     )
@@ -538,7 +541,7 @@ def load_checkpoint(path, about, model, optimizer):
     stored = load_plain(path, "rows", "policies", "optimizer")
     last = stored["policies"]["policy.pt"]
     if found := differences(last, about):
-        raise InputError(f"{path}: cannot resume: {found[0]}")
+        raise InputError(f"{path}: cannot resume: {found[0]}; use the same flags")
     model.load_state_dict(last["state_dict"])
     model.sharpness = last["sharpness"]
     optimizer.load_state_dict(stored["optimizer"])
@@ -649,7 +652,9 @@ def main(argv=None):
             noise=args.noise,
         )
     except KeyboardInterrupt:
-        raise InputError("interrupted; --resume continues after the last update") from None
+        begun = (out / "checkpoint.pt").is_file()
+        told = "the same flags and --resume continue" if begun else "nothing was learned yet"
+        raise InputError(f"interrupted; {told}") from None
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
     print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, policy.start.pt, policy.tenth.pt,")
     print(f"learning_curve.csv and learning_curve.png are in {out}")

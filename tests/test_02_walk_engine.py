@@ -230,7 +230,8 @@ def test_waiting_pace_slows_the_plan_down_while_the_robot_leans_over_its_support
 
 
 def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law():
-    plain, lawful = make_engine("mujoco"), make_engine("mujoco", capture=1.0, wait=10.0)
+    laws = {"capture": 0.0, "wait": 0.0}, {"capture": 1.0, "wait": 10.0}
+    plain, lawful = (make_engine("mujoco", **law) for law in laws)
     for engine, most in ((plain, 62), (lawful, 102)):
         plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0, 0]]], [0])
         plan.begin()
@@ -460,7 +461,11 @@ def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
     tilt, fell = walk_engine.pushed(sim, walk, speed)
     blind, blind_fell = walk_engine.pushed(sim, replace(walk, reflex=0.0), speed)
     calm, _ = walk_engine.pushed(sim, walk, 0.0)
-    assert tilt.shape == (12, 12 * walk.half_ticks), "twelve robots, six double steps"
+    ticks = 12 * walk.half_ticks
+    assert len(tilt) == 12 and min(map(len, tilt)) >= ticks, "twelve robots, six double steps"
+    tilt, blind, calm = (
+        np.array([one[:ticks] for one in all_of]) for all_of in (tilt, blind, calm)
+    )
     assert (calm == calm[0]).all(), "without a push all twelve walk alike"
     begins = (np.abs(tilt - calm) > 1e-9).argmax(1)  # [tick]
     assert len({*begins}) == 12, f"each is pushed at another moment: {begins}"

@@ -21,7 +21,7 @@ FootstepWorld, FootstepVectorEnv = env.FootstepWorld, env.FootstepVectorEnv
 Spread, stream = env.Spread, env.stream
 TASK = env.Task()
 OTHER = env.Task(
-    near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5,
+    near_m=0.7, s_d=2, s_a=0.5, s_o=0.2, s_c=0.05, s_fall=3, s_goal=4, s_time=0.5, s_stay=6,
     goal_std_m=0.3, beyond_m=1.2, ahead_m=0.7
 )  # fmt: skip
 ROBOT = robot_model.RobotModel()
@@ -263,8 +263,8 @@ def potentials(goal, task=TASK):
     }
 
 
-def by_hand(before, after, action, last, fall, success, task=TASK):
-    """All seven terms of one robot, with nothing but `math`."""
+def by_hand(before, after, action, last, fall, success, task=TASK, margin=0.0):
+    """All eight terms of one robot, with nothing but `math`."""
     old, new = potentials(before, task), potentials(after, task)
     jumps = [(action[k] - last[k]) ** 2 for k in range(6)]
     return {
@@ -273,6 +273,7 @@ def by_hand(before, after, action, last, fall, success, task=TASK):
         "r_fall": -task.s_fall if fall else 0.0,
         "r_goal": task.s_goal if success else 0.0,
         "r_time": -task.s_time,
+        "r_stay": task.s_stay * margin if success else 0.0,
     }
 
 
@@ -285,6 +286,7 @@ FORMULAS = {
     "r_fall": "a fall costs s_fall",
     "r_goal": "a success pays s_goal",
     "r_time": "every double step costs s_time, and more if it took longer than a period",
+    "r_stay": "a success pays s_stay, times the margin with which the robot comes to rest",
 }
 
 
@@ -295,14 +297,15 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
     action, last = rng.random((2, n, 6))
     fall = np.array([True, False, False, True, False, False])
     success = np.array([False, True, False, False, True, False])
-    periods = rng.uniform(1, 1.6, n)
-    got = env.reward_terms(before, after, action, last, fall, success, task, periods)
+    periods, margin = rng.uniform(1, 1.6, n), rng.uniform(-0.5, 1, n)
+    got = env.reward_terms(before, after, action, last, fall, success, task, periods, margin)
     for name, values in got.items():
         assert np.shape(values) == (n,), (
             f"{name}: [n], sums go over the action's axis only, .sum(-1) (got {np.shape(values)})"
         )
     for i in range(n):
-        want = by_hand(before[i], after[i], action[i], last[i], fall[i], success[i], task)
+        ended = fall[i], success[i]
+        want = by_hand(before[i], after[i], action[i], last[i], *ended, task, margin[i])
         want["r_time"] *= periods[i]
         assert got.keys() >= want.keys(), "a term is missing"
         for name in want:
@@ -325,10 +328,29 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(make, sim):
         result = world.step(action, robots)
         after = robot_model.relative(result["motion"].torso[:, -1, [0, 1, 5]], goals)
         ended = result["fall"], result["success"]
-        want = env.reward_terms(before, after, action, last, *ended)
+        periods = result["motion"].ticks / world.engine.period_ticks
+        step = env.to_footsteps(action, world.limits)
+        more = {"periods": periods, "margin": env.margin_at_rest(after, step, world.task)}
+        want = env.reward_terms(before, after, action, last, *ended, **more)
         for name, values in result["reward_terms"].items():
             close(values, want[name], f"{name}: true goals seen before and after the double step")
         close(result["reward"], sum(want.values()))
+
+
+def test_the_margin_is_that_of_the_place_where_the_trunk_comes_to_rest():
+    # The right foot has just landed 8 cm ahead and 2 cm outward, so the trunk goes on by half of it.
+    step = np.array([[0, 0, 0], [0.08, 0.02, 0.1]])
+    there = np.array(
+        [0.04, -0.01, -0.05]
+    )  # where the goal is, if the margin is to be 1: ahead, to the right
+    goals = np.array([there, there, there, there])
+    goals[1] = robot_model.compose(there, np.array([0.03, 0.0, 0.0]))  # 3 of 5 cm beyond
+    goals[2] = robot_model.compose(
+        there, np.array([0.0, 0.04, np.radians(5)])
+    )  # 4 of 5 cm, 5 of 10°
+    goals[3] = robot_model.compose(there, np.array([0.0, 0.0, np.radians(-12)]))  # outside
+    got = env.margin_at_rest(goals, np.tile(step, (4, 1, 1)), TASK)
+    close(got, [1, 0.4, 0.2, -0.2], "1 − max(d / 5 cm, |α| / 10°), seen from the place of rest")
 
 
 @pytest.mark.parametrize("name", ["r_d", "r_a", "r_o"])
@@ -532,7 +554,8 @@ def test_pushes_come_by_chance_and_from_everywhere(make, sim):
     for row, begin in zip(size[pushed], first):
         close(row[begin : begin + 5], force, "one push, of five ticks in a row")
     close(size[pushed].sum(1), 5 * force, "and nothing else")
-    assert (first.min(), first.max()) == (0, size.shape[1] - 5), "at any time of the double step"
+    last = world.engine.period_ticks - 5
+    assert (first.min(), first.max()) == (0, last), "at any time of the usual double step"
     ahead, left = rows[pushed, first].T / force
     counts, _ = np.histogram(np.arctan2(left, ahead), 8, (-math.pi, math.pi))
     if sim == "mujoco":
@@ -555,13 +578,13 @@ def test_the_gyro_has_an_offset_for_an_episode_and_noise_at_every_tick(make):
 
 
 def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
-    spread, rngs = Spread(), default_rng(0).spawn(500)
-    body = spread.draw(rngs, ROBOT)
+    spread, rngs = Spread(zero=0.01, com=0.02), default_rng(0).spawn(500)
+    body, dry = spread.draw(rngs, ROBOT), np.tile(ROBOT.stiction, 2)
     for what, middle, half in (
         ("friction", ROBOT.friction, spread.friction),
         ("mass", 1, spread.mass),
         ("stiffness", 1, spread.stiffness),
-        ("stiction", spread.stiction / 2, spread.stiction / 2),
+        ("stiction", dry, dry * spread.stiction_share),
     ):
         drawn = (vars(body)[what] - middle) / half  # −1 to 1
         assert np.abs(drawn).max() <= 1, f"{what}: beyond its spread"
@@ -571,13 +594,10 @@ def test_drawn_bodies_stay_within_the_spread_and_use_all_of_it():
     values = np.column_stack([body.friction, body.mass, body.stiffness, body.stiction, body.delay])
     alike = np.corrcoef(values.T) - np.eye(35)
     assert np.abs(alike).max() < 0.2, "every value is drawn by itself: two go together"
-    fresh = default_rng(0).spawn(500)
-    team = Spread(stiction=0.0, zero=0.01, com=0.02).draw(fresh, robot_model.TEAM)
-    shares = team.stiction / np.tile(robot_model.TEAM.stiction, 2)
-    close([shares.min(), shares.max()], [0.5, 1.5], "± 50 % of the model's dry friction", atol=0.01)
-    close(team.zero.std(0), np.full(12, 0.01), "σ of every joint's zero", rtol=0.15)
-    close([team.com.min(), team.com.max()], [-0.02, 0.02], "± 2 cm on every axis", atol=0.001)
-    equal(team.mass, body.mass, "what is drawn later does not change what is drawn earlier")
+    close(body.zero.std(0), np.full(12, 0.01), "σ of every joint's zero", rtol=0.15)
+    close([body.com.min(), body.com.max()], [-0.02, 0.02], "± 2 cm on every axis", atol=0.001)
+    plain = replace(spread, zero=0.0, com=0.0).draw(default_rng(0).spawn(500), ROBOT)
+    equal(plain.mass, body.mass, "what is drawn later does not change what is drawn earlier")
     ice = Spread(friction=2.0).draw(rngs, ROBOT)
     assert ice.friction.min() == 0, "no friction is less than none"
 
@@ -793,11 +813,14 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(make, ends, want, count
 
 
 @BOTH
-@pytest.mark.parametrize("limit", [TASK.time_limit, 3.1])  # [s] 3.1: five double steps
+@pytest.mark.parametrize("limit", [TASK.time_limit, None])  # [s] None: just five double steps
 def test_no_time_left_truncates_and_does_not_terminate(make, sim, limit):
+    walk, dt = walk_engine.TUNED[sim], ROBOT.control_dt
+    longest = dt * walk.longest_wait_ticks * (walk.wait > 0)  # [s] so long the last one may wait
+    limit = limit or 10 * dt * walk.half_ticks + longest
     envs = make(FootstepVectorEnv, 5, sim, task=replace(TASK, time_limit=limit))
     period, usual = envs.world.engine.period, envs.world.engine.period_ticks
-    whole = math.floor(limit / period + 1e-9)  # double steps that fit into it
+    whole = math.floor((limit - longest) / period + 1e-9)  # double steps that fit into it
     away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})

@@ -891,7 +891,7 @@ def told_to_train(arguments, monkeypatch):
     called = mock.Mock(side_effect=KeyboardInterrupt)
     with monkeypatch.context() as patch:
         patch.setattr(ppo, "train", called)
-        with pytest.raises(InputError, match="interrupted; --resume continues"):
+        with pytest.raises(InputError, match="interrupted; nothing was learned yet"):
             ppo.main(arguments)
     given = called.call_args
     return inspect.signature(train).bind(*given.args, **given.kwargs).arguments

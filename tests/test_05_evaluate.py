@@ -321,6 +321,8 @@ def test_table_has_the_paper_s_rows_in_a_table_of_their_own():
         "goal by goal 0.3, 0.8, 1.2: their median; two of three are faster, one is slower"
     )
     assert "Mean success time:" not in evaluate.table(rows[1:], []), "no empty table"
+    text = evaluate.table(rows, [], "--push 0.4")
+    assert text.startswith("With --push 0.4\n\n") and "paper" not in text, "it pushed nobody"
 
 
 def test_tables_fit_into_a_terminal_of_100_columns():
@@ -550,8 +552,8 @@ def refused(*arguments):
     ("x,y\n1,2\n", "its first line is 'x,y'"),
     ("x y yaw\n1 2 3\n", "its first line is 'xyyaw'"),
     ("x,y,yaw\n", "from 1 to 10000 lines"),
-    ("x,y,yaw\n1,2\n", "nothing"),
-    ("x,y,yaw\n1,2,3,4\n", "sequence"),
+    ("x,y,yaw\n1,2\n", "line 2 has not as many cells"),
+    ("x,y,yaw\n1,2,3\n1,2,3,4\n", "line 3 has not as many cells"),
     ("x,y,yaw\n1,two,3\n", "'two'"),
     ("x;y;yaw\n1.234,5;0;0\n", "'1.234.5'"),
     ("x,y,yaw\n1,2,3\n1,nan,3\n", "numbers below 1000"),
@@ -617,10 +619,11 @@ ROBOT = robot_model.RobotModel()
 
 
 @pytest.mark.parametrize("settings, said", [
-    ({"walk": replace(WALK, foot_rise=0.03)}, "walk: foot_rise 0.03, here 0.0226"),
+    ({"walk": replace(WALK, foot_rise=0.03)}, f"walk: foot_rise 0.03, here {WALK.foot_rise}"),
     ({"walk": replace(WALK, reflex=0.0, half_ticks=30)},
      "walk: half_ticks 30, here 31; walk: reflex 0.0, here 0.05"),
     ({"spread": env.Spread(mass=0.2)}, "spread: mass 0.2, here 0.1"),
+    ({"drift": (0.1, 0.0, 0.0)}, f"drift [0.1, 0.0, 0.0], here {[*env.DRIFT['pymunk']]}"),
     ({"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0))},
      "robot: torso: mass 4.0, here 3.49"),
     ({"push": 0.4}, None), ({}, None)], ids=str)  # fmt: skip
@@ -641,6 +644,7 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
     (["--policy", "blind.pt"], "blind.pt: trained with another observation"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: defines no Planner"),
+    (["--planner", "deaf.py"], "deaf.py: its class Planner has no method act"),
     (["--planner", "leaves.py"], "leaves.py: ends Python when it is read"),
     (["--robot", "text.py"], "text.py: defines no LIMITS"),
     (["--mujoco"], "results/mujoco/policy.pt: no such file; run stage 5 where the stages are"),
@@ -652,6 +656,7 @@ def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     ppo.save_plain(Path("blind.pt"), blind)
     Path("text.py").write_text("class Other: pass")
     Path("leaves.py").write_text("import sys\nsys.exit()")
+    Path("deaf.py").write_text("class Planner:\n    def reset(self, num_robots): ...")
     assert mention.replace("/", os.sep) in refused(*flags).replace("/", os.sep)
 
 

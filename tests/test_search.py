@@ -2,6 +2,8 @@
 
 import math
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 
 import common
 import numpy as np
@@ -158,7 +160,13 @@ def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_pat
     value = np.tile(np.hypot(*np.mgrid[-12:12:129j, -12:12:129j]), (36, 1, 1))
     known = steps, steps.sum(1) * [1, 1, 0], value, 0.2
     (tmp_path / "pymunk").mkdir()
-    search.write_map(tmp_path / "pymunk" / "search.npz", "pymunk", 0.5, known)
+    quick = {"make_map": lambda *_: known[:3], "FACTORS": [0.5], "CHANGES": [0.2], "WALKS": 1}
+    for name, instead in quick.items():
+        monkeypatch.setattr(search, name, instead)
+    short = partial(common.world, num_robots=1, task=env.Task(time_limit=5.0))
+    monkeypatch.setattr(common, "world", short)
+    args = SimpleNamespace(sim="pymunk", out=tmp_path / "pymunk" / "studies")
+    assert [row["chosen"] for row in search.study(args)] == [True], "the best of one"
     monkeypatch.setattr(common, "RESULTS", tmp_path)
     for wrote, read in zip(known, search.read_map(LIMITS)):
         close(read, wrote, "V: in twentieths of a step", atol=0.026)

@@ -19,7 +19,7 @@ from common import evaluate, robot_model, walk_engine
 
 TESTS = common.ROOT / "tests"
 URDF = transfer.readable(TESTS / "small_robot.urdf")
-ROBOT = robot_model.TEAM
+ROBOT = robot_model.RobotModel()
 SETTINGS = "mujoco", 2, robot_model.stance(ROBOT), ROBOT, 1  # of a simulator: `make_sim`
 
 
@@ -79,8 +79,9 @@ def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
 
 def test_rows_become_a_table_and_sentences():
     rows = transfer.measure(Namespace(sim="mujoco"), {}, walks=2)
-    cases = transfer.BULLET, transfer.PUBLISHED, transfer.MENDED, *transfer.ZEROS
-    found = {"zeros": {"rows": rows + [row | {"case": case} for case in cases for row in rows]}}
+    without = (f"{transfer.MENDED}, {name}" for name in transfer.OFF)
+    cases = transfer.BULLET, transfer.PUBLISHED, transfer.MENDED, *transfer.ZEROS, *without
+    found = {"bullet": {"rows": rows + [row | {"case": case} for case in cases for row in rows]}}
     assert transfer.MENDED in transfer.table(found, "mujoco")
     assert "2 of 2 far goals" in transfer.found({"mujoco": found})["models"]
 

@@ -33,7 +33,7 @@ def circle(sim):
         sums = {name: (factors * terms[name]).sum() for name in ("r_d", "r_a", "r_o")}
         print(
             f"γ = {gamma:4.2f}: " + ", ".join(f"{k} {v + 0:6.3f}" for k, v in sums.items()),
-            f"  the seven terms {(factors * sum(terms.values())).sum():6.3f}",
+            f"  all terms {(factors * sum(terms.values())).sum():6.3f}",
         )
 
 
@@ -60,18 +60,18 @@ def reflex(sim):
 
     def standing(gain, steps, force):
         rng = np.random.default_rng(1)  # the same errors and pushes for every gain
+        parameters = replace(walk_engine.TUNED[sim], reflex=gain)
 
         def disturb(disturbance, robots):
             _, ticks, _ = disturbance.gyro_error.shape
             noise = rng.normal(size=(96, ticks, 2))
             disturbance.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
-            last = ticks - walk_engine.PUSH_TICKS  # tick at which a push can begin
+            last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
             first, way = rng.integers(last + 1, size=96), rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
                 push = force * np.cos(way[i]), force * np.sin(way[i])
                 disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push
 
-        parameters = replace(walk_engine.TUNED[sim], reflex=gain)
         _, _, fall = walk_engine.walk_plans(sim, parameters, steps, bodies, disturb)
         return np.mean(fall == 8)
 
@@ -84,17 +84,19 @@ def reflex(sim):
 
 def joints(sim):
     """Falls and times in 500 far walks with noise, if less is random than in the training."""
-    trials, nothing = evaluate.draw_trials(0, 500, far=True), env.Spread(0, 0, 0, 0, 0, 0)
+    trials = evaluate.draw_trials(0, 500, far=True)
+    smooth = robot_model.RobotModel(stiction=(0.0,) * 6)
+    nothing = env.Spread(**dict.fromkeys(vars(env.Spread()), 0))
     planners = {
         "policy": common.policy(evaluate.default_policy(sim), sim),
         "tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
     }
-    for title, spread in {
-        "as trained": env.Spread(),
-        "no friction": env.Spread(stiction=0.0),
-        "bare model": nothing,
+    for title, settings in {
+        "as trained": {},
+        "no friction": {"robot": smooth},
+        "bare model": {"robot": smooth, "spread": nothing},
     }.items():
-        world = env.FootstepWorld(500, sim, noise=True, spread=spread)
+        world = env.FootstepWorld(500, sim, noise=True, **settings)
         for name, planner in planners.items():
             ended = evaluate.evaluate(planner, world, trials)
             reached = ended["outcome"] == "success"

@@ -56,8 +56,8 @@ def said_of_the_world():
     task, spread, robot = env.Task(), env.Spread(), env.robot_model.RobotModel()
     walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
     yield (
-        f"{walks} walks in 3-D to near and as many to far goals (σ of x and y: "
-        f"{task.goal_std_m} m and {task.far_std_m:.0f} m)"
+        f"{walks} walks in 3-D to near and as many to far goals (σ of x and of y: "
+        f"{task.goal_std_m} m if near, {task.far_std_m:.0f} m if far)"
     )
     yield f"an error of {100 * task.noise_m:.0f} cm and {np.degrees(task.noise_rad):.0f}°"
     yield (
@@ -67,7 +67,9 @@ def said_of_the_world():
     yield (
         f"friction μ ({robot.friction - spread.friction:.1f} to "
         f"{robot.friction + spread.friction:.1f}), masses (± {common.share(spread.mass)}), motor "
-        f"stiffness (± {common.share(spread.stiffness)}), joint friction (up to {spread.stiction} N m) "
+        f"stiffness (± {common.share(spread.stiffness)}), joint friction "
+        f"(± {common.share(spread.stiction_share)}), wrong joint zeros (σ "
+        f"{np.degrees(spread.zero):.1f}°), the torso's centre of mass (± {100 * spread.com:.0f} cm) "
         f"and delay (up to {1000 * spread.delay * robot.control_dt:.0f} ms)"
     )
     leg = robot.hip, robot.thigh, robot.shin, robot.foot
@@ -193,9 +195,21 @@ def test_the_opponents_were_tuned_by_a_rule(sim, part):
         [*chosen["settings"].values()] == constants
     )
     assert found["trials"] >= 2000 and len(found["tried"]) >= 100
-    stays = chosen["still_there"] >= found["paper"]["still_there"] - baseline.LESS
-    assert ("none" in found["rule"]) == (not stays or chosen["fall"] > baseline.MAX_FALLS)
+    assert ("none" in found["rule"]) == (not baseline.keeps(chosen))
     assert (RESULTS / sim / "search.npz").stat().st_size <= 500_000
+
+
+def test_shipped_pictures_are_of_todays_robot_and_stand_on_a_page():
+    """`common.stamp` has put into each file with which robot, walk, task and policy it was drawn."""
+    pages = " ".join(path.read_text("utf-8") for path in ROOT.rglob("*.md"))
+    for sim in env.LIMITS:
+        settings, policy = common.made_with(sim).split()
+        for path in (RESULTS / sim).rglob("*.[gp][in][fg]"):
+            stamp = path.read_bytes()[-64:]
+            assert settings.encode() in stamp, f"{path} shows another robot: draw it again"
+            without = path.stem in ("walk", "baseline")  # no policy, or not only the shipped one
+            assert without or policy.encode() in stamp, f"{path} shows another policy"
+            assert f"{path.name})" in pages, f"{path}: no page shows it"
 
 
 def test_shipped_files_show_something_and_have_a_study():

@@ -3,8 +3,7 @@
     python tests/studies/ablations.py [--mujoco] [--only PART] [--out FOLDER]
 
 robots: trainings with more robots, the same double steps in all, and one seed.
-long: the shipped policy, deciding by its mean and by its mode, and a policy that was trained as
-long without the reflex. They are compared with and without pushes.
+mode: the shipped policy, deciding by the mean of its distribution and by its mode.
 """
 
 import json
@@ -13,10 +12,10 @@ from itertools import product
 
 import common
 import numpy as np
-from common import env, evaluate, pick, ppo, robot_model, share, values
+from common import env, evaluate, fallen, pick, ppo, robot_model, share, values
 
 torch = ppo.torch
-DURATION = "two cores: ablations 40 minutes, robots 4; in 3-D twice that, then long 20"
+DURATION = "two cores: ablations 15 minutes, robots 4; in 3-D 35, mode 5"
 STEPS, GOALS = 25_600, 500  # double steps of a short training, near and far goals for it
 SEEDS = (0, 1, 2)  # of the short trainings
 
@@ -48,20 +47,25 @@ class GaussianActor(ppo.ActorCritic):
         return np.clip(super().decide(obs), 0, 1)  # its mode and its mean are the same
 
 
-PEER, BLIND = "Gaussian policy, no sharpening", "without the reflex"
+PEER = "Gaussian policy, no sharpening"
+SAME = "all robots and floors the same"
 VARIANTS = {  # name: what differs from the reference
     "reference": {},
     "Gaussian policy, clipped": {"model": GaussianActor},
     PEER: {"model": GaussianActor, "config": {"sharpest": 1.0}},
     "no sharpening": {"config": {"sharpest": 1.0}},
     "with IMU": {"world": {"imu": True}},
-    BLIND: {},
+    SAME: {"world": {"spread": env.Spread(**dict.fromkeys(vars(env.Spread()), 0))}},
     **{
         f"without r_{name[2:]}": {"world": {"task": env.Task(**{name: 0.0})}}
         for name in vars(env.Task())
         if name.startswith("s_")
     },
 }
+# In 3-D, where the robot can fall to the side: the rewards and the random world. The others on the
+# plane, where a training takes half as long.
+IN_3D = "reference", SAME, *(name for name in VARIANTS if name.startswith("without r_"))
+ON_PLANE = "reference", *(name for name in VARIANTS if name not in IN_3D)
 ROBOTS = {
     "64 robots": {},
     "256 robots": {"config": {"num_envs": 256}},
@@ -78,131 +82,114 @@ class ModePlanner(evaluate.PolicyPlanner):
             return self.model.policy(seen).mode.numpy()
 
 
-def judged(planner, sim, walk=None):
+def judged(planner, sim):
     """The row of a planner for 250 near and 250 far goals with noise."""
-    with common.world(sim, num_robots=GOALS // 2, walk=walk) as world:
+    with common.world(sim, num_robots=GOALS // 2) as world:
         ended = common.near_and_far(planner, world)
     return evaluate.summary("policy", True, None, ended, env.Task())
 
 
-def walk_of(sim, name):
-    """The walk that a variant is trained and judged with; None: the usual one."""
-    return common.without_reflex(sim) if name == BLIND else None
-
-
-def learn(sim, name, seed, steps):
-    """Trains this variant; returns its planner and its folder."""
+def learn(sim, name, seed, folder):
+    """Trains this variant in a folder, or goes on with it; returns its planner."""
     variant = (VARIANTS | ROBOTS)[name]
     make_envs = partial(
         env.FootstepVectorEnv,
         sim=sim,
         noise=True,
         staggered=True,
-        walk=walk_of(sim, name),
         **variant.get("world", {}),
     )
     config = ppo.PPOConfig(**variant.get("config", {}))
-    folder = common.work(sim, "ablations", f"{name}_{seed}_{steps}")
     stopped = (folder / "checkpoint.pt").exists()
     model, _ = ppo.train(
         config,
         make_envs,
         folder,
-        steps,
+        STEPS,
         seed,
         resume=stopped,
         make_model=variant.get("model", ppo.ActorCritic),
     )
-    return evaluate.PolicyPlanner(model), folder
+    return evaluate.PolicyPlanner(model)
 
 
 def study_short(args, names, seeds=SEEDS):
     """Rows of all these trainings, made one after the other."""
     rows = []
     for name, seed in product(names, seeds):
-        path = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}") / "row.json"
+        folder = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}")
+        path = folder / "row.json"
         if not path.is_file():  # the row of a finished training stays until you delete it
-            planner, _ = learn(args.sim, name, seed, STEPS)
-            row = judged(planner, args.sim, walk_of(args.sim, name))
+            row = judged(learn(args.sim, name, seed, folder), args.sim)
             robot_model.write_text(path, json.dumps(row))
         rows.append({"variant": name, "seed": seed, **common.read_json(path)})
     return {"steps": STEPS, "rows": rows}
 
 
-BY_MODE = "reference, by its mode"
+def study_ablations(args):
+    """Rows of three trainings for every variant."""
+    return study_short(args, IN_3D if args.sim == "mujoco" else ON_PLANE)
 
 
-def study_long(args):
-    """Rows, 1,000 walks each: the shipped policy by both rules, and one of the same seed that was
-    trained without the reflex.
-    """
-    folder = common.RESULTS / args.sim
-    model, about = ppo.load_policy(folder / "policy.pt")
-    seed = about["seed"]
-    blind, blind_folder = learn(args.sim, BLIND, seed, ppo.STEPS)
+def study_mode(args):
+    """Rows of the shipped policy by both rules, 1,000 walks each, without pushes and with them."""
+    model, _ = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")
     rows = []
-    for name, planner, log in (
-        ("reference", evaluate.PolicyPlanner(model), folder),
-        (BY_MODE, ModePlanner(model), folder),
-        (BLIND, blind, blind_folder),
+    for rule, planner in (
+        ("mean", evaluate.PolicyPlanner(model)),
+        ("mode", ModePlanner(model)),
     ):
-        log = np.genfromtxt(log / "learning_curve.csv", delimiter=",", names=True)
-        critic = log["explained_variance"][len(log) // 2 :].mean()  # second half of the training
-        about = {"variant": name, "seed": seed, "critic": critic}
         for far, push in product((False, True), (0.0, 0.4)):
-            with common.world(args.sim, push=push, walk=walk_of(args.sim, name)) as world:
+            with common.world(args.sim, push=push) as world:
                 ended = common.walks(planner, world, far, sets=2)
-            rows.append(common.row_of(ended, "policy", far, **about, push=push))
+            rows.append(common.row_of(ended, "policy", far, rule=rule, push=push))
     return rows
 
 
 PARTS = {
-    "ablations": partial(study_short, names=VARIANTS),
+    "ablations": study_ablations,
     "robots": partial(study_short, names=ROBOTS, seeds=[0]),
-    "long": study_long,
+    "mode": study_mode,
 }
 
 
-LONG = {"variant": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3, "critic": 2}
+MODE = {"rule": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3}
 
 
 def table(found, sim):
     """Markdown of every training."""
     columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
-    long = {"goal_std_m": 1} | LONG
-    return common.sections(found, {"ablations": columns, "robots": columns, "long": long})
+    mode = {"goal_std_m": 1} | MODE
+    return common.sections(found, {"ablations": columns, "robots": columns, "mode": mode})
 
 
 def found(data):
     """Sentences and tables by name, from the numbers of both simulators."""
-    plane, long = data["pymunk"], data["mujoco"]["long"]["rows"]
+    mean, mode = pick(data["mujoco"]["mode"]["rows"], goal_std_m=1.0, push=0.4)
 
-    def means(part, key, names):
-        rows = plane[part]["rows"]
+    def means(part, key, names, sim="pymunk"):
+        rows = data[sim][part]["rows"]
         return [np.mean(values(rows, key, variant=name)) for name in names]
 
-    arrived = dict(zip(VARIANTS, means("ablations", "success", VARIANTS)))
+    short = data["mujoco"]["ablations"]["rows"]
+    arrived = dict(zip(IN_3D, means("ablations", "success", IN_3D, "mujoco")))
     distance, least = share(arrived.pop("without r_d")), min(arrived.values())
-    shown = {key: digits for key, digits in LONG.items() if key != "push"}
-    usual, blind = (
-        share(values(long, "fall", goal_std_m=1.0, push=0.4, variant=name), 1)
-        for name in ("reference", BLIND)
-    )
     return {
-        "rewards": "On the plane, after short trainings without the reward for distance, the robot "
-        f"arrives in {distance} of the walks. After those of every other variant it arrives in "
-        f"{'all' if least == 1 else f'at least {share(least)}'} of them.",
-        "sharpening": "With a Beta policy the walks take {0:.1f} s, and {3:.1f} s if it is not "
+        "rewards": "In 3-D, after short trainings without the reward for distance, the robot "
+        f"arrives in {distance} of the walks. After the trainings of all other variants it "
+        f"arrives in {'all' if least == 1 else f'at least {share(least)}'} walks.",
+        "falls": f"After all of these trainings the robot falls in {fallen(short)} walks. So short "
+        "trainings cannot show what the cost of a fall and the random worlds are for.",
+        "sharpening": "On the plane, with a Beta policy, the walks take {0:.1f} s, and {3:.1f} s if it is not "
         "sharpened. With a Gaussian policy they take {1:.1f} s, and {2:.1f} s if it is not "
         "sharpened.".format(*means("ablations", "time_mean", [*VARIANTS][:4])),
-        "robots": "After one training of the same 25,600 double steps the walks take {:.1f} s with "
-        "64 robots, {:.1f} s with 256, and {:.1f} s with 256 and rollouts of 4.".format(
-            *means("robots", "time_mean", ROBOTS)
-        ),
-        "blind": "If the reflex is off in training and walk, the robot falls in "
-        f"{blind} of 1,000 far walks with pushes. If it is on in both, the robot falls in {usual}.",
-        "long": "The long trainings in 3-D were judged by 1,000 far walks each, with pushes of 0.4 "
-        "m/s:\n\n" + common.table(pick(long, goal_std_m=1.0, push=0.4), shown),
+        "robots": "Three trainings have 25,600 double steps each. With 64 robots the walks then take "
+        "{:.1f} s, with 256 robots {:.1f} s, and with 256 robots that take only 4 double steps in a "
+        "rollout {:.1f} s.".format(*means("robots", "time_mean", ROBOTS)),
+        "mode": "If the policy takes the mode of its distribution, as in the paper, and not its mean, a "
+        f"far walk with pushes takes {mode['time_mean']:.2f} instead of {mean['time_mean']:.2f} s, and the "
+        f"robot falls in {fallen([mode])} instead of {fallen([mean])}. The 95 % intervals of the falls "
+        f"{common.overlap(mean['fall_ci95'], mode['fall_ci95'])}.",
     }
 
 

@@ -1,4 +1,4 @@
-"""Can more machines teach one policy? Ray actors simulate the robots, and stage 4 trains as it is.
+"""Can more machines teach one policy? Ray actors simulate the robots; stage 4 is not changed.
 
     python -m pip install ray==2.60.0
     python tests/studies/cluster.py --mujoco --steps 250000 --seed 0 --out runs/cluster
@@ -11,8 +11,15 @@ to all actors, and to stage 4 it looks like a `FootstepVectorEnv`. Every robot h
 generator of its own, so it does not matter where it is simulated: the policy is the same, bit for
 bit.
 
-Without --address Ray starts on this machine, for this run only. results/STUDIES.md has the commands
-for several machines.
+Without --address Ray starts on this machine, for this run only. For several machines, which need
+the same versions of Python and of the packages (Ray copies our code to them):
+
+    export RAY_AUTH_MODE=token          on all of them: only those with the token may run code there
+    ray get-auth-token --generate       on the first one; copy ~/.ray/auth_token to the others
+    ray start --head --port 6379        on the first one, which prints its ADDRESS
+    ray start --address ADDRESS:6379    on every other one
+    python tests/studies/cluster.py --mujoco --address ADDRESS:6379 --actors 16 --out runs/cluster
+    ray stop                            on each of them, at the end
 """
 
 import sys
@@ -212,7 +219,7 @@ def found(data):
     return {
         "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
         f"stage 4 alone, bit for bit.",
-        "speed": f"Double steps per second in 3-D on one machine: {', '.join(told)}.",
+        "speed": f"Double steps per second in 3-D on two cores: {', '.join(told)}.",
     }
 
 

@@ -237,9 +237,9 @@ def found(data):
         f"{share(around['touches'], 1)}. With `baseline_tuned` it arrives in "
         f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. The "
         f"95 % intervals of the two shares of touches {common.overlap(*touches)}.",
-        "time": f"The policy takes {around['time_over_way']:.2f} times as long as the shortest "
-        f"path around the discs would take at {SPEED} m/s. Without discs it takes "
-        f"{straight['time_over_way']:.2f} times as long as the straight path would.",
+        "time": f"The policy takes {around['time_over_way']:.2f} times as long as a robot that walks at "
+        f"{SPEED} m/s on the shortest path that avoids the discs. On a straight path without discs this "
+        f"ratio is {straight['time_over_way']:.2f}.",
     }
 
 

@@ -42,15 +42,16 @@ def speed_plans():
 
 
 def random_robots(rng, count, robot=robot_model.RobotModel()):
-    """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise at
-    every tick."""
+    """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise of
+    gyro and tilt at every tick."""
     spread = env.Spread()
     constant = rng.uniform(-spread.gyro, spread.gyro, (count, 1, 2))  # [rad/s] about x and y
 
     def disturb(disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        noise = rng.normal(size=(count, *disturbance.gyro_error.shape[1:]))  # [count, T, 2]
-        disturbance.gyro_error[:] = (constant + env.Task().imu_rad_s * noise)[robots]
+        noise = rng.normal(size=(2, count, *disturbance.gyro_error.shape[1:]))  # [2, count, T, 2]
+        disturbance.gyro_error[:] = (constant + env.Task().imu_rad_s * noise[0])[robots]
+        disturbance.tilt_error[:] = env.Task().imu_rad * noise[1][robots]
 
     return spread.draw(rng.spawn(count), robot), disturb
 
