@@ -302,8 +302,8 @@ def improve(model, optimizer, data, cfg):
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
             # Â = (A − mean) / std over the minibatch: is an action better or worse than the others?
             # So the actor's loss does not depend on the unit of the rewards. (The critic's does,
-            # and both gradients are limited together.) A single fall makes the std large: with its
-            # −10 the Â of all others shrink to about two fifths.
+            # and both gradients are limited together.) A single fall makes the std large, so the Â of
+            # all others in its minibatch are small.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
