@@ -1,8 +1,8 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
-fall, or when its time is up. The goal is reached if two double steps in a row end there (in the
-paper: one).
+fall, or when its time is up. The goal is reached if two double steps in a row end there. (In the
+paper one double step suffices.)
 
     python 03_env.py      a random and a hand-written planner side by side; 15 seconds
 
@@ -10,8 +10,9 @@ paper: one).
 what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
 is about noisy goals. Predict: which two of the eight reward terms (`reward_terms`) have the largest
 positive sums for the hand-written planner, and which have negative sums? A measurement of x or y
-has an error with a standard deviation of 5 cm. If the robot stood still, how large would the
-standard deviation be of an estimate from one measurement, from five, from ten? And while it walks?
+has an error with a standard deviation of 5 cm. If the robot stood still and each measurement had an
+error of its own, how large would the standard deviation be of an estimate from one measurement,
+from five, from ten? And while it walks?
 
 An episode is one walk: from standing to the goal, to a fall or to the end of the time. A planner
 chooses the actions. A policy is a planner that is learned: a function from the observation to an
@@ -24,24 +25,31 @@ time is up, the walk could go on: the episode is truncated. Stage 4 must tell th
 
 The paper names some parts without details, so we reconstructed them: the formulas and scalars of
 the reward, the encoding of the observation, how widely goals and errors vary. Three parts
-are ours. Floor and body are random in every episode (`Spread`: domain randomization), and no
-planner knows their values. The robot is pushed, if you ask for it. An estimate of the goal combines
-all noisy measurements so far, in the same way for every planner (`predict`, `correct`).
+are ours. Floor and body are random in every episode (`Spread`: domain randomization). The robot is
+pushed, if you ask for it. An estimate of the goal combines all noisy measurements so far, in the
+same way for every planner (`predict`, `correct`). Who knows what:
+
+    policy, critic      the estimate of the goal (of a far one: `intermediate`), the last two
+                        actions: OBSERVATION
+    another planner     the same, the whole estimate, the step limits, the step's period: `View`
+    estimate            noisy measurements of the goal, and the planned motion of a double step
+    robot's computer    the planned double step; tilt and turning rates of the torso, with errors
+    reward              the true pose, the goal, a fall, the time
+    nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
+
+How to read this file: read down to the line of equals signs. Below it are the world that brings
+everything together, the pictures, the interfaces of Gymnasium, and the demonstration.
 
 All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
 environments and `gymnasium.make("03_env:Footsteps-v0", …)` take the same arguments.
 """
 
-from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module
 
 import gymnasium as gym
-import matplotlib.pyplot as plt
 import numpy as np
 from gymnasium.vector.utils import batch_space
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
@@ -53,8 +61,8 @@ wrap = robot_model.wrap
 class Task:
     """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
 
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours: with it the baseline takes 11 s
-    far_std_m: float = 1.0  # [m] σ of far goals: half of the training's, those of `--far`; ours
+    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, to match the paper's baseline
+    far_std_m: float = 1.0  # [m] σ of far goals: every second one in training, `--far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
@@ -62,7 +70,7 @@ class Task:
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
-    imu_rad_s: float = 0.1  # [rad/s] of the measured angular velocity, also the reflex's; ours
+    imu_rad_s: float = 0.1  # [rad/s] of its angular velocity, which the reflex reads; ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
     beyond_m: float = 1.5  # [m] beyond this a policy observes an intermediate goal; ours
@@ -74,7 +82,7 @@ class Task:
     s_c: float = 0.1  # [-] continuity
     s_fall: float = 10.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
-    s_stay: float = 1.0  # [-] the same for coming to rest in the middle of the tolerance; ours
+    s_stay: float = 1.0  # [-] bonus for arriving near the middle, see `margin_at_rest`; ours
     s_time: float = 0.04  # [-] cost of time, per usual double step; ours
 
 
@@ -95,7 +103,7 @@ class Spread:
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
         drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
-        more = [rng.spawn(1)[0] for rng in rngs]  # others, so that the 35 and later ones stay
+        more = [rng.spawn(1)[0] for rng in rngs]  # a generator of their own for zero and com
         return robot_model.Body(
             np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
             1 + self.mass * drawn[:, 1:10],
@@ -111,7 +119,7 @@ class Spread:
 class StepLimits:
     """The smallest and the largest footstep that an action can command."""
 
-    low: tuple  # x [m], y [m], yaw [rad], outward positive
+    low: tuple  # x [m], y [m], yaw [rad]; y and yaw are positive outward
     high: tuple
 
 
@@ -129,44 +137,27 @@ DRIFT = {"pymunk": (0.0102, 0.004, 0.0), "mujoco": (0.0137, 0.0136, 0.0791)}
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these
-# change faster than d; farther than 0.5 m away they are constant.
-GOAL_TABLE = (
+# change faster than d; a coordinate beyond 0.5 m gives a constant. (A policy never sees a goal that
+# is farther away than 1.5 m, see `intermediate`, so the limit of 2 m does not act there.)
+# What a double step does also depends on how the body moves when it begins. Without a sensor for
+# that, the last two actions stand in for it.
+ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
+OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
     ("x = d·cos β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     ("y = d·sin β, zoomed and clipped", "0.5 m", -1.0, 1.0),
     *((name, "1", -1.0, 1.0) for name in ("cos β", "sin β", "cos α", "sin α")),
     ("α / π", "π rad", -1.0, 1.0),
-)
-# What a double step does also depends on how the body moves when it begins. Without a sensor for
-# that, the last two actions stand in for it.
-ACTION_NAMES = tuple(f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw"))
-PREVIOUS_TABLE = tuple(
-    (f"{name}, {ago}", "low … high limit", -1.0, 1.0)
-    for ago in ("last action", "action before")
-    for name in ACTION_NAMES
-)
-IMU_TABLE = (
-    ("torso roll", "0.25 rad", -4.0, 4.0),
-    ("torso pitch", "0.25 rad", -4.0, 4.0),
-    *((f"angular velocity {axis}", "rad/s", -10.0, 10.0) for axis in "xyz"),
-)
-
-
-def observation_table(imu=False):
-    """Rows (name, unit, low, high) of the observation, in order."""
-    return GOAL_TABLE + PREVIOUS_TABLE + (IMU_TABLE if imu else ())
-
-
-# The lowest and the highest observation, [2, 25].
-BOUNDS = np.array([row[2:] for row in observation_table(imu=True)], np.float32).T
+    *((f"{name}, last action", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
+    *((f"{name}, action before", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
+]
 
 
 def checked(name, value, *shape):
     """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
     array = np.array(value, float)
     if array.shape != shape or not np.isfinite(array).all():
-        got = f"shape {array.shape}: {value!r:.60}"
-        raise ValueError(f"{name} must be finite numbers of shape {shape}, got {got}")
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, not {value!r:.60}")
     return array
 
 
@@ -195,7 +186,7 @@ def polar(goal):
 
 
 def encode_goal(goal):
-    """The eight numbers [..., 8] of GOAL_TABLE for goals seen from the robot [..., 3]."""
+    """The first eight numbers [..., 8] of OBSERVATION for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
     zoomed = np.clip(goal / 0.5, -1, 1)  # [..., 3] x, y; the yaw is not used
     return np.stack([
@@ -208,7 +199,8 @@ def intermediate(goal, task=Task()):
     """What a policy observes instead of goals [n, 3] that are farther away than `beyond_m`.
 
     It is a goal `ahead_m` away in the same direction, and turned to that direction. So the policy
-    learns to walk straight ahead, which is faster than sideways.
+    learns to walk straight ahead, which is faster than sideways. (Where the robot comes within
+    `beyond_m`, the observed distance jumps from 1 m to 1.5 m.)
     """
     d, _, beta = polar(goal)
     ahead = np.stack([task.ahead_m * np.cos(beta), task.ahead_m * np.sin(beta), beta], -1)
@@ -223,30 +215,33 @@ def to_footsteps(action, limits):
 
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`. Where
-    the limits leave no choice, it is 0.5."""
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`. It is
+    0 where the limits leave no choice."""
     span = np.subtract(limits.high, limits.low)  # [3]
-    share = np.subtract(footsteps, limits.low) / np.where(span > 0, span, 1)
-    share = np.where(span > 0, np.clip(share, 0, 1), 0.5)
-    return share.reshape(*share.shape[:-2], 6)
+    share = np.subtract(footsteps, limits.low) / np.maximum(span, 1e-9)
+    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 
 # ------------------------------------------------------------------------ rewards
 def potentials(goal, near_m):
     """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
     d, alpha, beta = polar(goal)
-    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it. So a robot that comes near with a
-    # wrong yaw loses something at first, and its turn earns it back.
+    # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
+    # So a robot that comes near with a wrong yaw loses something at first, and its turn earns it
+    # back.
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
 def margin_at_rest(after, footsteps, task):
     """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge.
 
-    after [n, 3]: the goal seen from the robot after the footsteps [n, 2, 3]. Half of the right one
-    is still to be walked: then the trunk is between the feet.
+    after [n, 3]: the goal seen from the robot after the footsteps [n, 2, 3]. The margin is negative
+    outside of the tolerance. To come to rest the left foot closes up beside the right one. Then the
+    middle of the feet, and the trunk with it, moves on by half of the right footstep. (If this
+    footstep turns by r, the middle also moves ahead by w/2·sin r, w: foot_distance. The margin
+    neglects this: 2.7 cm at 0.3 rad.)
     """
     rest = robot_model.relative(footsteps[:, 1] * [1, -1, -1] / 2, after)  # the goal as seen then
     d, alpha, _ = polar(rest)
@@ -263,17 +258,15 @@ def reward_terms(
     [0, 1]; periods [n]: how long it took, in usual double steps; margin [n]: see `margin_at_rest`.
 
     All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
-    (`potentials`) after the double step minus that before it. γ is the discount of stage 4: a
-    reward t double steps ahead counts γᵗ times. Split the progress in two:
+    (`potentials`) after the double step minus that before it. Without a discount all but the ends
+    cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall, too,
+    so the farther from the goal the robot falls, the less it was paid (Φ_d = −d).
 
-        Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′
-
-    The first part is potential-based shaping (Ng, Harada, Russell, 1999). In a discounted sum all
-    but its ends cancel, Σ γᵗ·(γ·Φ_{t+1} − Φ_t) = γᵀ·Φ_T − Φ_0. So where Φ_T is 0, the best policy
-    is the same with this part and without it: the part only tells sooner what is good. The second
-    part is a reward of its own: as Φ_d = −d, every double step costs 0.05·d with γ = 0.95. No Φ is
-    above 0, so this part is never a gain. (For comparison: the cost of time, s_time, sums up to
-    0.04 + 0.04·γ + 0.04·γ² + … = 0.04 / (1 − γ) = 0.8 for a walk without end that never waits.)
+    With the discount γ of stage 4 a reward t double steps ahead counts γᵗ times. Split the
+    progress, Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′. In the discounted sum the first parts cancel but for
+    the ends (potential-based shaping: Ng, Harada, Russell, 1999). As no Φ is above 0, the second
+    part is a cost: 0.05·d per double step for the distance with γ = 0.95. So it pays to hurry, as
+    with s_time. (More of this: `circle` of `tests/exercises/predict.md`.)
     """
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
@@ -293,8 +286,9 @@ def reward_terms(
 
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm, a double step only by 1 to 2 cm from its plan. So it pays to
-# remember the measurements: a Kalman filter. (For the yaw it pays less: in 3-D a double step is off
-# by 0.1 rad, a measurement by 0.05.) The filter also keeps how large its error may be: the
+# remember the measurements: a Kalman filter. (In 3-D it pays less for the yaw, and for a far goal,
+# which an unplanned turn moves to the side: a double step turns by 0.08 rad too much or too little,
+# and a measured yaw is off by 0.05 rad.) The filter also keeps how large its error may be: the
 # covariance P of the errors of x, y and yaw, whose diagonal holds their variances.
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
@@ -307,8 +301,9 @@ def predict(goal, covariance, motion, drift):
     turn = motion[:, 2]
     # The robot has turned, so what it sees turns back. So does the error of x and y: J = Rz(−turn)
     J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3]
-    # A double step that leads too far by small e = (e_x, e_y, e_yaw) moves a goal at (x, y) by
-    # −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned turn moves it to the side.
+    # Let the double step end a small e = (e_x, e_y, e_yaw) away from its plan, as seen from there.
+    # This moves a goal at (x, y) by −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned
+    # turn moves it to the side.
     G = np.tile(np.eye(3), (len(goal), 1, 1))  # [n, 3, 3]
     G[:, 0, 2], G[:, 1, 2] = -y, x
     # P ← J·P·Jᵀ + G·D·Gᵀ,  D: the squares of drift on the diagonal
@@ -317,7 +312,8 @@ def predict(goal, covariance, motion, drift):
 
 
 def correct(goal, covariance, measured, noise):
-    """The goal [n, 3] after a measurement [n, 3], and its covariance; noise: its 1 σ [3]."""
+    """The goal [n, 3] after a measurement [n, 3], and its covariance; noise: the
+    standard deviation of the measurement [3]. In m, m, rad."""
     # Mix prediction and measurement, goal + K·(measured − goal). For one number with independent
     # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where
     # its derivative −2·(1 − K)·V + 2·K·R is 0: K = V / (V + R), and V ← (1 − K)·V = K·R.
@@ -331,12 +327,15 @@ def correct(goal, covariance, measured, noise):
     return goal, gain @ R
 
 
+# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the world
 # Random numbers: every robot has a generator. It makes others in each episode, one for each
-# purpose, so a planner that measures the goal twice does not change the floor. The purposes: the
-# goal; the world (floor and body); the noise of the goal and that of the IMU when a planner looks;
-# pushes; the noise of gyro and tilt that the robot's own computer reads within a double step.
-GOAL, WORLD, NOISE, IMU, PUSH, GYRO, TILT = range(7)
+# purpose, so a planner that measures the goal twice does not change the floor:
+# GOAL    where it is                    PUSH   when, and in which direction
+# WORLD   floor and body                 GYRO   its errors while the robot walks
+# NOISE   of the measured goal           TILT   its errors (a child of GYRO's generator)
+# The fourth one is not used.
+GOAL, WORLD, NOISE, _, PUSH, GYRO, TILT = range(7)
 
 
 @dataclass(frozen=True)
@@ -346,7 +345,7 @@ class View:
     robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
     goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot, estimated from all
     #                   measurements so far
-    observation: np.ndarray  # [n, 25] rows as in `observation_table`, the IMU's last
+    observation: np.ndarray  # [n, 20] rows as in OBSERVATION
     actions: np.ndarray  # [n, 2, 6] the last one, the one before
     period: float  # [s] of a usual double step, which does not wait
     limits: StepLimits
@@ -365,7 +364,7 @@ class FootstepWorld:
         self,
         num_robots,
         sim="pymunk",
-        noise=False,  # does a planner see goal and IMU with noise?
+        noise=False,  # does a planner see the goal with noise?
         push=0.0,  # [m/s] random pushes; each would give the torso alone this speed
         walk=None,  # WalkParameters; None: TUNED of stage 2
         limits=None,  # StepLimits; None: LIMITS
@@ -373,25 +372,22 @@ class FootstepWorld:
         task=Task(),
         spread=Spread(),
         robot=robot_model.RobotModel(),
-        cores=None,  # of MuJoCo; None: all that the machine has
-        simulate=robot_model.make_sim,  # another physics, with the settings of `sim`
     ):
-        self.limits = limits or LIMITS.get(sim)
-        self.drift = DRIFT.get(sim) if drift is None else drift
-        check_world(num_robots, sim, push, task, spread, self.limits, self.drift)
+        if sim not in robot_model.SIMULATORS:
+            raise ValueError(f"sim must be one of {[*robot_model.SIMULATORS]}, not {sim!r}")
+        self.limits = limits or LIMITS[sim]
+        self.drift = DRIFT[sim] if drift is None else drift
         self.sim = sim
-        self.noise = bool(noise)
+        self.noise = noise
         self.push = push
         self.task = task
         self.spread = spread
-        self.engine, self.simulator = walk_engine.walkers(
-            sim, num_robots, walk, robot, cores, simulate
-        )
-        self.close = self.simulator.close  # its threads
-        # What fits into the time: control ticks, and double steps that do not wait
+        self.engine, self.simulator = walk_engine.walkers(sim, num_robots, walk, robot)
+        # What limits an episode: the control ticks that fit into its time, and double steps. It is
+        # cut off before a double step that might need more ticks (`Trajectory.most_ticks`) than are
+        # left of those `allowed`: max_ticks, fewer only in a first episode that is `staggered`.
         self.max_ticks = int(task.time_limit / robot.control_dt + 1e-9)
-        self.max_steps = self.max_ticks // self.engine.period_ticks
-        self.most_steps = np.inf  # double steps of an episode at most
+        self.most_steps = np.inf
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
@@ -401,19 +397,14 @@ class FootstepWorld:
             """A row of zeros for every robot."""
             return np.zeros((num_robots, *shape))
 
-        self.friction = zeros()  # μ of the episode
         self.gyro_offset = zeros(2)  # [rad/s] constant error of x and y
         self.goal = zeros(3)
         self.estimate = zeros(3)  # of the goal, seen from the robot
         self.covariance = zeros(3, 3)  # of the estimate's error, in m and rad
-        self.pose = zeros(3)  # torso on the floor, true
-        self.imu = zeros(5)  # roll, pitch [rad], angular velocity [rad/s], true
-        self.torso = zeros(6)  # x, y, z [m], roll, pitch, yaw [rad], true
-        self.joints = zeros(12)  # [rad], true
         self.actions = zeros(2, 6)  # the last one, the one before
         self.steps = np.zeros(num_robots, int)  # double steps of this episode
         self.ticks = np.zeros(num_robots, int)  # control ticks of this episode
-        self.allowed = np.zeros(num_robots, int)  # control ticks of this episode at most
+        self.allowed = np.zeros(num_robots, int)
         self.was_inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
         self.reset(np.arange(num_robots))
 
@@ -430,22 +421,19 @@ class FootstepWorld:
         # spawn returns new generators at every call, so every episode differs.
         for i, rng in zip(robots, self.rng[robots]):
             own = rng.spawn(6)
-            self.rngs[i] = own + own[GYRO].spawn(1)  # TILT is a child of GYRO
+            self.rngs[i] = own + own[GYRO].spawn(1)
         if goals is None:  # far with probability ½
             goals = [
                 draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
                 for rng in self.rngs[robots, GOAL]
             ]
         body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
-        self.friction[robots] = body.friction
         self.simulator.reset(robots, body)
         self.engine.reset(robots)
         self.gyro_offset[robots] = [
             rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.rngs[robots, GYRO]
         ]
-        self.torso[robots], self.joints[robots] = self.engine.stance
-        self.estimate[robots] = self.pose[robots] = 0
-        self.imu[robots] = 0, self.engine.parameters.trunk_pitch, 0, 0, 0
+        self.estimate[robots] = 0
         self.actions[robots] = self.neutral_action
         self.steps[robots] = self.ticks[robots] = 0
         self.allowed[robots] = self.max_ticks
@@ -457,43 +445,45 @@ class FootstepWorld:
         self.covariance[robots] = 1e8 * np.eye(3)  # nearly nothing is known of them
         self.was_inside[robots] = False
 
+    @property
+    def pose(self):
+        """Where the torsos truly stand on the floor, [N, 3] x, y [m], yaw [rad]."""
+        return self.simulator.state[:, robot_model.GROUND]
+
     def relative_goal(self, robots):
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
-    def noisy(self, purpose, exact, robots, std):
-        """Exact values [n, k] plus noise, new at every call, of standard deviation std [k]."""
-        return np.array(
-            [rng.normal(mean, std) for rng, mean in zip(self.rngs[robots, purpose], exact)]
-        )
+    def measure(self, robots, std):
+        """The goal [n, 3] seen from the robot, plus noise, new at every call, of this std [3]."""
+        noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]
+        return self.relative_goal(robots) + noise
 
     def look(self, robots):
         """The View of these robots after one more measurement: once before every decision."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
-        measured = self.noisy(NOISE, self.relative_goal(robots), robots, std)
-        # Without noise only the new measurement counts: K is nearly 1. (R is not exactly 0, or a
-        # second measurement would divide by 0.)
+        # Without noise only the new measurement counts: K is 1. (R is not exactly 0, or a second
+        # measurement would divide by 0. On the plane a turn is exact, drift 0; so K of the yaw is
+        # 1/k at the k-th measurement, of equal ones.)
         goal, self.covariance[robots] = correct(
-            self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
+            self.estimate[robots],
+            self.covariance[robots],
+            self.measure(robots, std),
+            np.maximum(std, 1e-6),
         )
         self.estimate[robots] = goal
-        std = self.noise * np.repeat([task.imu_rad, task.imu_rad_s], [2, 3])
-        imu = self.noisy(IMU, self.imu[robots], robots, std)
-        imu[:, :2] /= 0.25  # [rad] in the table's unit
         actions = self.actions[robots]
-        # From [0, 1] to [−1, 1]
-        observation = np.hstack(
-            [encode_goal(intermediate(goal, task)), 2 * actions.reshape(-1, 12) - 1, imu]
-        )
+        seen = encode_goal(intermediate(goal, task))
+        observation = np.hstack([seen, 2 * actions.reshape(-1, 12) - 1])  # [0, 1] to [−1, 1]
         return View(
-            robots=np.array(robots),
-            goal=goal,
-            observation=np.clip(observation, *BOUNDS).astype(np.float32),
-            actions=actions,
-            period=self.engine.period,
-            limits=self.limits,
-            neutral_action=self.neutral_action.copy(),
+            np.array(robots),
+            goal,
+            observation.astype(np.float32),
+            actions,
+            self.engine.period,
+            self.limits,
+            self.neutral_action.copy(),
         )
 
     def _disturbance(self, plan, robots):
@@ -501,13 +491,13 @@ class FootstepWorld:
         disturbance = robot_model.Disturbance.none(plan)
         usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
-        often = self.engine.period / self.task.push_every  # chance of a push in a double step
-        errors = disturbance.gyro_error, disturbance.tilt_error  # [n, T, 2] each
-        for i, push, gyro, tilt in zip(robots, disturbance.push, *errors):  # [T, 2] views
+        chance = self.engine.period / self.task.push_every  # of a push in a double step
+        for i, push, imu in zip(robots, disturbance.push, disturbance.imu):
+            tilt, gyro = imu[:, :2], imu[:, 2:]  # [T, 2] views
             noise = self.rngs[i, GYRO].normal(self.gyro_offset[i], self.task.imu_rad_s, (usual, 2))
             gyro[:] = np.resize(noise, gyro.shape)  # a robot that waits meets the first ones again
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
-            if drawn < often:
+            if drawn < chance:
                 first = int(when * (usual - ticks + 1))
                 # Planar: ahead or back; 3-D: in any direction
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
@@ -517,18 +507,17 @@ class FootstepWorld:
             tilt[:, 0] *= not self.engine.planar  # the plane has no roll
         return disturbance
 
-    def step(self, actions, robots, disturb=None):
-        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1]. Before it
-        disturb(disturbance, robots) may change their Disturbance.
+    def step(self, actions, robots, push=(0, 0)):
+        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1]. push [m/s]:
+        of all their torsos as it begins, along the world's x and y; planar: ahead.
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
-        bool), time [s], seconds [s] of this double step, reward, and reward_terms by name; and the
-        simulator's Motion. The time of a success ends with the first of the two double steps that
-        ended inside.
+        bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
+        success ends with the first of the two double steps that ended inside.
         """
-        task = self.task
+        task, robot = self.task, self.engine.robot
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
-        before = self.relative_goal(robots)
+        before, began = self.relative_goal(robots), self.ticks[robots]
         last = self.actions[robots, 0]
         footsteps = to_footsteps(actions, self.limits)  # [n, 2, 3]
         plan = self.engine.plan(footsteps, robots)
@@ -540,19 +529,14 @@ class FootstepWorld:
             self.drift,
         )
         disturbance = self._disturbance(plan, robots)
-        if disturb:
-            disturb(disturbance, robots)
+        force = walk_engine.push_force(robot, np.array(push))  # [2] [N]
+        disturbance.push[:, : walk_engine.PUSH_TICKS] += force
         motion = self.simulator.run(robots, plan, disturbance)
         fall = motion.fell
-        torso = motion.torso[:, -1]  # [n, 6]
-        self.torso[robots], self.joints[robots] = torso, motion.joints[:, -1]
-        self.pose[robots] = torso[:, robot_model.GROUND]
-        self.imu[robots] = np.hstack([torso[:, 3:5], motion.angular_velocity])
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
-        began = self.ticks[robots]  # when this double step began
-        self.ticks[robots] += motion.ticks
-        no_time = self.ticks[robots] + plan.most_ticks > self.allowed[robots]  # for another one
+        self.ticks[robots] = ended = began + motion.ticks
+        no_time = ended + plan.most_ticks > self.allowed[robots]  # for another one
         no_time |= self.steps[robots] >= self.most_steps
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
@@ -569,8 +553,7 @@ class FootstepWorld:
             "timeout": no_time & ~success & ~fall,
             "inside": inside,
             # a success was at the goal when this double step began
-            "time": np.where(success, began, self.ticks[robots]) * self.engine.robot.control_dt,
-            "seconds": motion.ticks * self.engine.robot.control_dt,
+            "time": np.where(success, began, ended) * robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
@@ -578,6 +561,29 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ a picture
+def draw_way(axes, robot, goal, feet, camera, chosen=()):
+    """Draws the goal [3] and measured footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor,
+    and bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet.
+
+    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
+    the prints.
+    """
+    angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
+    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
+    front, back, half = robot.foot_front, -robot.foot_back, robot.foot_width / 2
+    sole = np.array([[front, half], [front, -half], [back, -half], [back, half]])  # [4, 2] [m]
+
+    def fill(pose, outline, edge, face, alpha):
+        points = pose[:2] + robot_model.turned(outline, pose[2])
+        axes.fill(*(camera[1:, :2] @ points.T), ec=edge, fc=face, alpha=alpha, lw=2, zorder=0.5)
+
+    for k, poses in enumerate([*feet, *chosen]):
+        for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
+            style = ("none", color, 0.35) if k < len(feet) else (color, "yellow", 1)
+            fill(pose, sole + [0, outward * robot.foot_outward], *style)
+    fill(goal, disc, "none", "tab:green", 0.9)
+
+
 def draw_scene(axes, robot, goal, feet, torso, joints, chosen=()):
     """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
     [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen.
@@ -585,7 +591,7 @@ def draw_scene(axes, robot, goal, feet, torso, joints, chosen=()):
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
-    robot_model.draw_way(axes, robot, goal, feet, camera, chosen)
+    draw_way(axes, robot, goal, feet, camera, chosen)
     robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
     return camera
 
@@ -609,7 +615,6 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self,
         num_envs=64,
         sim="pymunk",
-        imu=False,  # is the torso's tilt observed, too?
         staggered=False,  # do the first episodes get less time, so that they end one by one?
         render_mode=None,
         max_episode_steps=None,  # fewer double steps than `Task.time_limit` allows
@@ -618,55 +623,49 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.num_envs = num_envs
         self.staggered = staggered
         self.render_mode = render_mode
-        self.columns = len(observation_table(imu))  # that are observed; the IMU's are the last
-        self.single_observation_space = gym.spaces.Box(*BOUNDS[:, : self.columns])
+        bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 20]
+        self.single_observation_space = gym.spaces.Box(*bounds)
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, **settings)
         if max_episode_steps is not None:
             self.world.most_steps = max_episode_steps
-        self.close_extras = self.world.close  # Gymnasium calls it once, in `close`
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
 
     def reset(self, *, seed=None, options=None):
         """Starts new episodes; robot i gets seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
-        rngs = () if seed is None else [stream("training", seed + i) for i in range(self.num_envs)]
-        self.world.reset(self.robots, rngs, **(options or {}))
+        world = self.world
+        rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
+        world.reset(self.robots, rngs, **(options or {}))
         if self.staggered:  # else all time-outs of an untrained policy would come at once
-            less = self.np_random.integers(max(1, self.world.max_steps), size=self.num_envs)
-            self.world.allowed -= less * self.world.engine.period_ticks
-        return self.look(self.robots), {}
-
-    def look(self, robots):
-        """Observations [n, 20 or 25] after one more measurement."""
-        return self.world.look(robots).observation[:, : self.columns]
+            usual = world.engine.period_ticks
+            most = max(1, world.max_ticks // usual)
+            world.allowed -= self.np_random.integers(most, size=self.num_envs) * usual
+        return world.look(self.robots).observation, {}
 
     def walk(self, actions):
         """Simulates one double step; no episode starts again. infos: the result of
         `FootstepWorld.step` without the Motion."""
         infos = self.world.step(actions, self.robots)
         del infos["motion"]
+        observations = self.world.look(self.robots).observation
         terminated = infos["success"] | infos["fall"]
-        return self.look(self.robots), infos["reward"], terminated, infos["timeout"], infos
+        return observations, infos["reward"], terminated, infos["timeout"], infos
 
     def step(self, actions):
         """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
-        observations, reward, terminated, truncated, result = self.walk(actions)
+        observations, reward, terminated, truncated, infos = self.walk(actions)
         ended = terminated | truncated
         if ended.any():
-            result = result | {
-                "final_obs": observations.copy(),
-                "_final_obs": ended,
-                "final_info": result,
-                "_final_info": ended,
-            }
+            final = {"final_obs": observations.copy(), "final_info": infos}
+            infos = infos | final | {"_final_obs": ended, "_final_info": ended}
             fresh = self.robots[ended]
             self.world.reset(fresh)
-            observations[fresh] = self.look(fresh)
-        return observations, reward, terminated, truncated, result
+            observations[fresh] = self.world.look(fresh).observation
+        return observations, reward, terminated, truncated, infos
 
     def render(self):
         """A picture of every robot and its goal, a tuple of uint8 [400, 400, 3]."""
@@ -674,16 +673,13 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def picture(self, i):
         """Robot i and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
-        figure = Figure(figsize=(4, 4), dpi=100, layout="constrained")
-        canvas, axes = FigureCanvasAgg(figure), figure.subplots()
-        world = self.world
-        torso, goal = world.torso[i], world.goal[i]
-        camera = draw_scene(axes, world.engine.robot, goal, [], torso, world.joints[i])
+        axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
+        torso, joints, _ = np.split(self.world.simulator.state[i], [6, 18])
+        goal = self.world.goal[i]
+        camera = draw_scene(axes, self.world.engine.robot, goal, [], torso, joints)
         seen = camera[1:] @ np.transpose([torso[:3], [*goal[:2], 0]])  # robot, goal  [2, 2]
-        xlim, ylim = np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5])
-        axes.set(xlim=xlim, ylim=ylim)
-        canvas.draw()
-        return np.array(canvas.buffer_rgba())[..., :3]
+        axes.axis(np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5]).ravel())
+        return robot_model.pixels(axes.figure)
 
 
 class FootstepEnv(gym.Env):
@@ -693,11 +689,10 @@ class FootstepEnv(gym.Env):
 
     def __init__(self, render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
-        self.envs = FootstepVectorEnv(1, **{"cores": 1, **settings})
+        self.envs = FootstepVectorEnv(1, **settings)
         self.world = self.envs.world
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
-        self.close = self.envs.close
 
     def reset(self, *, seed=None, options=None):
         """Starts a new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
@@ -708,9 +703,8 @@ class FootstepEnv(gym.Env):
     def step(self, action):
         """Simulates one double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.walk([action])
-        terms = infos.pop("reward_terms")
+        infos |= infos.pop("reward_terms")  # one after the other
         info = {name: value.item() for name, value in infos.items()}
-        info["reward_terms"] = {name: value.item() for name, value in terms.items()}
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
@@ -738,18 +732,17 @@ def hand_written(goal, limits):
     return to_action(steps, limits)
 
 
-def estimate_errors(sim, seed):
+def estimate_errors(world, seed):
     """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and the
     error that the filter claims, [2, 15] [m]. The robots walk with the hand-written planner."""
-    robots, rows = np.arange(64), []
-    with closing(FootstepWorld(len(robots), sim, noise=True)) as world:
-        world.reset(robots, [stream("training", seed, i) for i in robots])
-        for _ in range(15):
-            view = world.look(robots)
-            error = (view.goal - world.relative_goal(robots))[:, :2]
-            variance = np.diagonal(world.covariance, axis1=1, axis2=2)[:, :2]
-            rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
-            world.step(hand_written(view.goal, world.limits), robots)
+    world.noise, robots, rows = True, np.arange(len(world.goal)), []
+    world.reset(robots, [stream("training", seed, i) for i in robots])
+    for _ in range(15):
+        view = world.look(robots)
+        error = (view.goal - world.relative_goal(robots))[:, :2]
+        variance = np.diagonal(world.covariance, axis1=1, axis2=2)[:, :2]
+        rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
+        world.step(hand_written(view.goal, world.limits), robots)
     return np.transpose(rows)
 
 
@@ -757,7 +750,7 @@ def plot_rewards(episode, errors, path):
     """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
     and the errors of the estimated goal [2, K], see `estimate_errors` (right).
     """
-    figure, (curves, estimate) = plt.subplots(1, 2, figsize=(11, 4))
+    curves, estimate = robot_model.Figure(figsize=(11, 4)).subplots(1, 2)
     for term, values in episode.items():
         curves.plot(np.append(0, values.cumsum()), label=term)
     curves.set(
@@ -776,7 +769,7 @@ def plot_rewards(episode, errors, path):
         ylim=(0, None),
     )
     estimate.legend()
-    robot_model.save_figure(figure, path)
+    robot_model.save_figure(curves.figure, path)
 
 
 def main():
@@ -785,7 +778,7 @@ def main():
     limits = LIMITS[args.sim]
     for line in (
         ("observation", "unit", "low", "high"),
-        *observation_table(),
+        *OBSERVATION,
         ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
         *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2),
     ):
@@ -802,6 +795,7 @@ def main():
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
         bar = tqdm(range(steps), name, unit=" double steps", leave=False)
+        # (Without noise a look more changes nothing.)
         infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
         print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
@@ -811,29 +805,12 @@ def main():
         }
         for term, values in paid.items():
             print(f"    {term:8}{values.sum(0).mean():8.2f}")
-    envs.close()
     # Of the hand-written planner, which walked last: the longest of the robots' first episodes
     first = (goals | falls).argmax(0)  # [64] when it ended; 0: it did not
     robot = first.argmax()
     episode = {term: values[: first[robot] + 1, robot] for term, values in paid.items()}
-    plot_rewards(episode, estimate_errors(args.sim, args.seed), path)
+    plot_rewards(episode, estimate_errors(envs.world, args.seed), path)
     print("Look at", path)
-
-
-# ------------------------------------------------------------------------ checks
-def check_world(num_robots, sim, push, task, spread, limits, drift):
-    """Raises a ValueError for impossible settings of `FootstepWorld`."""
-    if sim not in LIMITS or num_robots < 1:
-        raise ValueError(f"{num_robots} robots in {sim!r}: at least 1, in one of {[*LIMITS]}")
-    robot_model.check(task, above_zero=("time_limit", "push_every", "near_m"))
-    robot_model.check(spread)
-    if spread.mass >= 1 or max(spread.stiffness, spread.stiction_share, spread.delay) > 1:
-        raise ValueError(f"{spread}: the robot that is farthest from the model cannot be")
-    low, high = checked("low", limits.low, 3), checked("high", limits.high, 3)
-    if (low > high).any():
-        raise ValueError(f"{limits}: low must not be above high")
-    if checked("push", push) < 0 or checked("drift", drift, 3).min() < 0:
-        raise ValueError(f"push {push} and drift {drift} must be 0 or more")
 
 
 if __name__ == "__main__":

@@ -2,19 +2,28 @@
 
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
 variable), trained with PPO, proximal policy optimization [7]. The paper used the PPO of
-Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a line to point at.
+Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a line to point at:
+
+    networks: the policy π (actor) and the value V (critic)           `ActorCritic`
+    repeat until all double steps are taken:                          `learn`
+        (1) N robots take T double steps each, at random by π         `collect`
+        (2) judge every action: its advantage A, by V                 `judge`, `gae`
+        (3) improve both networks, with every sample ten times:       `improve`
+            ρ = π(a|s) / π_old(a|s),  Â = A, standardised
+            L = mean min(ρ·Â, clip(ρ, 1 ± ε)·Â)                       `clipped_objective`
+            a step of Adam that lowers −L + c_V·mean (V − target)²,
+            target: our best estimate of the return, V + A
+        (4) log how the episodes ended                                `episode_means`
 
     python 04_ppo.py                 250,000 double steps of the planar robot (pymunk)
     python 04_ppo.py --mujoco        the same in 3-D
     python 04_ppo.py --quick         60,000 double steps, in two minutes, into runs/<sim>/quick/
     python 04_ppo.py --resume        continue where a training was stopped, with fresh episodes
-    python 04_ppo.py --imu           the policy also observes the torso's tilt and its rates
-    python 04_ppo.py --env Pendulum-v1 --steps 150000     another Gymnasium task
 
-During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. At the end the stage
-writes policy.pt, learning_curve.csv and learning_curve.png there. It also writes the policy before
-the training (policy.start.pt) and the policy after a tenth of it (policy.tenth.pt). The goal is
-measured with noise, unless you say --no-noise.
+During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. It is the policy so
+far, and stage 5 can evaluate it, too. At the end the stage writes policy.pt, learning_curve.csv and
+learning_curve.png there. The goal is measured with noise, unless you say --no-noise. `train` works
+with every Gymnasium task whose actions are in [0, 1].
 
 What is maximised. The policy π(a|s) is a distribution over the actions a for each observation s.
 The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …, with the reward r_t of a step
@@ -29,33 +38,35 @@ with respect to these. First for one decision (for continuous actions Σ is an i
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
 An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
 ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
-its decisions are added. Two details: the rewards before a decision do not depend on its action, so
-they drop out like b. And strictly, the gradient of decision t has the factor γᵗ. Nearly everybody
-leaves it out, since with it late decisions would hardly improve. Following this gradient makes good
-actions more likely and bad ones less.
+its decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. Two details: the rewards before a decision do
+not depend on its action, so they drop out like b. And strictly, the gradient of decision t has the
+factor γᵗ. Nearly everybody leaves it out, since with it late decisions would hardly be learned.
+Following this gradient makes good actions more likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again. It clips ρ, so that a
 rollout cannot change the policy much (`clipped_objective`).
 
-The loop: (1) collect a rollout: N robots take T double steps each; (2) judge every action; (3)
-improve the policy; (4) log. Repeat.
-
 A cut-off and a fall both end an episode, but they do not mean the same. After a fall (terminated)
 there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
 goal. After a cut-off (truncated: the time is up) the world would have gone on; only our recording
-stopped. With a 0 there the critic would learn that a robot that walks well, just before its 100 s
-are up, is worth no more than one that lies on the floor. So the missing sum is replaced by V of the
+stopped. The critic does not see the time. So a 0 there would lower V wherever the time may be up,
+as if a robot that walks well were about to fall. So the missing sum is replaced by V of the
 LAST observation of that episode ("bootstrapping"). The first observation of the next episode must
 not be used. Where a rollout ends within an episode, the missing sum is replaced by V of the
 observation that follows.
 
-In learning_curve.png successes should rise, time-outs and times should fall. Falls are rare from
-the start, as the most likely action of the first policy is to step on the spot. The first episode
-of each robot is cut off after a random time, so that not all robots run out of time at once. The
-shortest of these episodes end first, and have collected few negative rewards. So the curve of the
-return begins too high, and sinks at first. The entropy, which says how random the policy is, should
-fall. So should the clip fraction and the KL, which say how much a rollout changes the policy. The
-critic should predict more and more of the differences between the returns (explained variance).
+In learning_curve.png successes should rise, time-outs and times of successes should fall. Falls are
+rare from the start, as the most likely action of the first policy is to step on the spot. The first
+episode of each robot is cut off after a random time, so that not all robots run out of time at
+once. The shortest of these episodes end first, and have collected few negative rewards. So the
+curve of the return begins too high, and sinks at first. The entropy, which says how random the
+policy is, falls also because we make the policy narrower (see `ActorCritic`). The clip fraction and
+the KL say how much a rollout changes the policy; they should fall. The explained variance says how
+much of the differences between the critic's targets V has predicted. It stays low here: the
+observation tells little of what a walk will return.
+
+How to read this file: read down to the line of equals signs. Below it are `train`, which keeps the
+files of a training, the picture, and the command line.
 
 Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback-Leibler divergence
 (KL), recurrent policies, normalisation of observations and rewards, GPUs.
@@ -66,19 +77,14 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback
 """
 
 import argparse
-import contextlib
-import copy
-import io
 import json
 import math
 import time
-import zipfile
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
 
 import gymnasium as gym
-import matplotlib.pyplot as plt
 import numpy as np
 import torch
 from torch import nn
@@ -89,6 +95,7 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 InputError = robot_model.InputError
 STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
+torch.set_num_threads(1)  # for matrices as small as ours, several threads are slower
 
 
 @dataclass(frozen=True)
@@ -104,36 +111,20 @@ class PPOConfig:
     gamma: float = 0.95  # γ, discount per double step, `gae`: 20 ahead counts 0.95²⁰ = 0.36 [own]
     lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, `gae` (gae_lambda) [8]
     clip: float = 0.2  # ε of `clipped_objective` (clip_range) [7]
-    reward_scale: float = 1.0  # factor on the rewards, `judge`; only Pendulum needs one [own]
     value_coef: float = 0.5  # c_V, weight of the critic's loss in `improve` (vf_coef) [8]
-    max_grad_norm: float = 0.5  # `improve` scales longer gradients (here: most) down to this [8]
+    max_grad_norm: float = 0.5  # `improve` scales longer gradients down to this [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer of `mlp` [P]
     first_concentration: float = 10.0  # c = α+β of the first policy; large: little noise [own]
     sharpest: float = 6.0  # k at the end of `learn`, see `ActorCritic`: the policy is narrow [own]
 
 
-# The settings for --env
-GYM_CONFIG = PPOConfig(num_envs=16, rollout=128, minibatch=256, reward_scale=0.1, sharpest=4.0)
-
-
 # ------------------------------------------------------------------------ the networks
-@contextlib.contextmanager
-def one_thread():
-    """Lets PyTorch compute on one thread: for matrices this small, several are slower."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(before)
-
-
 def mlp(sizes, last_gain):
     """Linear layers with tanh between them. The first weights are random as in [8]: a matrix with
     orthogonal rows or columns of length √2."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
-        linear = nn.Linear(inputs, outputs)
+        linear = nn.Linear(inputs, outputs, dtype=torch.float32)
         nn.init.orthogonal_(linear.weight, 2**0.5)
         nn.init.zeros_(linear.bias)
         layers += [linear, nn.Tanh()]
@@ -149,7 +140,8 @@ class ActorCritic(nn.Module):
     the mean. A narrow distribution makes the two similar. So it is made narrower during training:
     its density is raised to a power k, the sharpness, which grows from 1 to 6. (In the field's
     words k is an inverse temperature.)
-        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode.
+        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode;
+        its parameters are 1 + k·(α−1) and 1 + k·(β−1).
     """
 
     sharpness = 1.0  # k; no weight: `learn` sets it, and it is stored beside the weights
@@ -184,7 +176,6 @@ class ActorCritic(nn.Module):
             # Exactly 0 or 1 would have an infinite log-probability.
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
-    @one_thread()
     def decide(self, obs):
         """The action without exploring: the mean. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
         with torch.no_grad():
@@ -234,7 +225,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         one step     δ_t                  little noise, but wrong where the critic is wrong
         two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t): the V between
                                           cancels
-        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy
+        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy. (Where the
+                                          rollout ends before the episode, V stands for the rest.)
     λ between 0 (the first row) and 1 (the last one) lets later errors fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
     """
@@ -267,9 +259,8 @@ def judge(model, data, cfg):
     [T, N, …]."""
     with torch.no_grad():
         values = model.value(data["obs"])  # [T, N]
-        rewards = cfg.reward_scale * data["reward"]
         advantages = gae(
-            rewards,
+            data["reward"],
             values,
             model.value(data["next_obs"]),
             data["terminated"],
@@ -294,16 +285,15 @@ def improve(model, optimizer, data, cfg):
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean()  # [nats]
         # 1 − Var[target − V] / Var[target].   1: V predicts the return. 0: V is no better than a
-        # constant, the mean of all targets. 0 is usual here: rare falls make most of the variance.
+        # constant, the mean of all targets. (The targets contain V, so 1 is no proof of a good V.)
         unexplained = (targets - model.value(obs)).var() / targets.var()
-        before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
             # Â = (A − mean) / std over the minibatch: is an action better or worse than the others?
             # So the actor's loss does not depend on the unit of the rewards. (The critic's does,
-            # and both gradients are limited together.) A single fall makes the std large, so the Â of
-            # all others in its minibatch are small.
+            # and both gradients are limited together.) A single fall makes the std large, so the Â
+            # of all others in its minibatch are small.
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -320,7 +310,8 @@ def improve(model, optimizer, data, cfg):
         # we may add ρ − 1: the mean stays the same. Near ρ = 1 the noise of ρ − 1 nearly cancels
         # that of −ln ρ, as there ln ρ ≈ ρ − 1.
         return {
-            **before,
+            "entropy": entropy.item(),
+            "explained_variance": 1.0 - unexplained.item(),
             "clip_fraction": outside.mean().item(),
             "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
             "value_loss": nn.functional.mse_loss(model.value(obs), targets).item(),
@@ -339,16 +330,14 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
         optimizer.param_groups[0]["lr"] = rate
         data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
         numbers = improve(model, optimizer, data, cfg)  # (2), (3)
-        if not np.isfinite(numbers.get("value_loss", 0)):
-            known = data["obs"].isfinite().all() and data["reward"].isfinite().all()
-            hint = "a smaller learning rate?" if known else "nor is an observation or a reward"
-            raise InputError(f"update {update + 1}: the loss is not finite ({hint})")
+        if not math.isfinite(numbers.get("value_loss", 0)):
+            raise InputError(f"update {update + 1}: the loss is not finite")
         # The sharpness grows linearly: 1 in the first update, `sharpest` after the last one.
         model.sharpness = 1.0 + (cfg.sharpest - 1.0) * ((update + 1) / updates)
         yield {**numbers, **episode_means(infos), "learning_rate": rate}  # (4)
 
 
-@one_thread()
+# ==================================================================== the end of a first reading
 def train(
     cfg,
     make_envs,
@@ -366,63 +355,58 @@ def train(
     out: an existing folder, a Path; improve: see `learn`; about: is stored with the policy.
     """
     cfg = replace(cfg, **plain(cfg))
-    check_config(cfg)
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
+    if checkpoint.exists() and not resume:
+        raise InputError(f"{checkpoint}: a stopped training: --resume continues it, or delete it")
     torch.manual_seed(random_seed(seed))
-    with contextlib.closing(make_envs(cfg.num_envs)) as bare:
-        envs = gym.wrappers.vector.RecordEpisodeStatistics(bare)
-        model = make_model(
-            envs.single_observation_space.shape[0],
-            envs.single_action_space.shape[0],
-            cfg.hidden,
-            getattr(bare, "neutral_action", 0.5),
-            cfg.first_concentration,
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
+    bare = envs.unwrapped
+    about |= {"seed": seed, "steps": updates * samples, "config": cfg}
+    if hasattr(bare, "world"):
+        about["fits"] = fingerprint(bare.world)
+    about = plain(about)
+    model = make_model(
+        envs.single_observation_space.shape[0],
+        envs.single_action_space.shape[0],
+        cfg.hidden,
+        getattr(bare, "neutral_action", 0.5),
+        cfg.first_concentration,
+    )
+    rows = []
+    if resume:
+        model, stored = load_policy(checkpoint, make_model)
+        if any(stored.get(name) != value for name, value in about.items()):
+            raise InputError(f"{checkpoint}: other settings; use the same flags")
+        rows = stored["rows"]
+    first = len(rows)
+    # foreach: one call for all weights, which is quicker; eps as in [8]
+    optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
+    if resume:
+        optimizer.load_state_dict(stored["optimizer"])
+    started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
+    new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
+    torch.manual_seed(new_seed)
+    log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
+    bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
+    for numbers in bar:
+        bar.set_description(
+            f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
+            f"return {numbers['return']:.2f}"
         )
-        # foreach: one call for all weights, which is quicker; eps as in [8]
-        optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
-        about |= {"seed": seed, "steps": updates * samples, "config": cfg}
-        if hasattr(bare, "world"):
-            about["fits"] = fingerprint(bare.world, model.shape["obs_dim"])
-        about = plain(about)
-        start = policy_file(model, about)
-        rows, policies = [], {"policy.start.pt": start, "policy.tenth.pt": start}
-        if resume:
-            rows, policies = load_checkpoint(checkpoint, about, model, optimizer)
-        elif checkpoint.exists():  # of another training, which may yet be wanted
-            robot_model.atomic_write(out / "checkpoint.previous.pt", checkpoint.replace)
-            print("the checkpoint of a stopped training: now checkpoint.previous.pt")
-        first = len(rows)
-        started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
-        new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
-        torch.manual_seed(new_seed)
-        log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
-        bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
-        for numbers in bar:
-            bar.set_description(
-                f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
-                f"return {numbers['return']:.2f}"
-            )
-            minutes = (time.monotonic() - started) / 60
-            steps = (len(rows) + 1) * samples
-            rows.append(plain({"steps": steps, "minutes": minutes, **numbers}))
-            policies["policy.pt"] = policy_file(model, about | {"minutes": minutes})
-            if len(rows) == updates // 10:
-                policies["policy.tenth.pt"] = policies["policy.pt"]
-            stored = {"rows": rows, "policies": policies, "optimizer": optimizer.state_dict()}
-            try:
-                save_plain(checkpoint, stored)
-            except InputError as error:
-                robot_model.note(f"{error}; the training goes on")
+        minutes = (time.monotonic() - started) / 60
+        rows.append(plain({"steps": (len(rows) + 1) * samples, "minutes": minutes, **numbers}))
+        adam = optimizer.state_dict()
+        save_policy(checkpoint, model, **about, minutes=minutes, rows=rows, optimizer=adam)
+    envs.close()
     table, header = [list(row.values()) for row in rows], ",".join(rows[0])
     robot_model.atomic_write(
         out / "learning_curve.csv",
         lambda file: np.savetxt(file, table, "%.9g", ",", header=header, comments=""),
     )
-    for name, stored in policies.items():  # together, so that all of them are of one training
-        save_plain(out / name, stored)
-    checkpoint.unlink(missing_ok=True)
+    save_policy(out / "policy.pt", model, **about, minutes=minutes)
+    checkpoint.unlink()
     return model, rows
 
 
@@ -438,7 +422,7 @@ def episode_means(infos):
         for name in ended.keys() & final.keys():  # "return": sum of rewards, not discounted
             counted = done & final["success"] if name == "time" else done
             ended[name] += final[name][counted].tolist()
-    return {name: np.mean(v) if v else np.nan for name, v in ended.items()}
+    return {name: float(np.mean(values or [np.nan])) for name, values in ended.items()}
 
 
 def random_seed(*numbers):
@@ -446,34 +430,20 @@ def random_seed(*numbers):
     return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 
-# ------------------------------------------------------------------------ settings and files
-def check_config(cfg):
-    """Raises a ValueError for settings with which nothing can be learned."""
-    counts = "num_envs", "rollout", "epochs", "minibatch"
-    robot_model.check(cfg, above_zero=counts)
-    if not (cfg.gamma <= 1 and cfg.lam <= 1 and cfg.first_concentration > 2):
-        raise ValueError(
-            f"PPOConfig: gamma {cfg.gamma} and lam {cfg.lam} are at most 1, first_concentration "
-            f"{cfg.first_concentration} is above 2, as α and β are above 1"
-        )
-
-
+# ------------------------------------------------------------------------ files
 def plain(value):
     """The value as numbers, texts, lists and dicts; also arrays and dataclasses in it. (A file with
     numbers of numpy in it can be written, but not be read.)"""
-
-    def parts(of):
-        return of.tolist() if hasattr(of, "tolist") else vars(of)
-
-    return json.loads(json.dumps(value, default=parts))
+    text = json.dumps(value, default=lambda of: of.tolist() if hasattr(of, "tolist") else vars(of))
+    return json.loads(text)
 
 
-def fingerprint(world, observed):
-    """What a policy is trained in, plain values; observed: how many rows of the observation."""
+def fingerprint(world):
+    """What a policy is trained in, as plain values by name."""
     return plain(
         {
             "simulator": world.sim,
-            "observation": [row[0] for row in env.observation_table(imu=True)[:observed]],
+            "observation": [row[0] for row in env.OBSERVATION],
             "walk": world.engine.parameters,
             "step limit": world.limits,
             "task": world.task,
@@ -484,68 +454,29 @@ def fingerprint(world, observed):
     )
 
 
-def differences(stored, here):
-    """["name A, here B", …] for the entries that two dicts share and that differ."""
-    found = []
-    for name in here.keys() & stored.keys():
-        there = stored[name]
-        if isinstance(there, dict):
-            found += [f"{name}: {entry}" for entry in differences(there, here[name])]
-        elif there != here[name]:
-            found.append(f"{name} {there}, here {here[name]}")
-    return sorted(found)
+def save_policy(path, model, **about):
+    """Writes the model as it is now, and `about` (plain values, tensors)."""
+    stored = {
+        **about,
+        **model.shape,
+        "sharpness": model.sharpness,
+        "state_dict": model.state_dict(),
+    }
+    robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
-def load_plain(path, *keys):
-    """The dict with these keys in a file of ours. Foreign code in the file is never run."""
+def load_policy(path, make_model=ActorCritic):
+    """The model in a file of ours, and all that the file holds. Foreign code in it is never run."""
     try:
-        with zipfile.ZipFile(path) as file:
-            whole = not file.testzip()  # PyTorch does not look at the check sums
         stored = torch.load(path, map_location="cpu", weights_only=True)
-        if whole and stored.keys() >= set(keys):
-            return stored
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}") from error
-    except Exception:
-        pass  # torch raises many types, with messages of many lines
-    raise InputError(f"{path}: damaged, or not written by 04_ppo.py")
-
-
-def save_plain(path, stored):
-    """Writes a dict of plain values and tensors."""
-    memory = io.BytesIO()  # not into the file: on a full disk PyTorch's own message is a riddle
-    torch.save(stored, memory)
-    robot_model.atomic_write(path, lambda file: file.write_bytes(memory.getvalue()))
-
-
-def policy_file(model, about):
-    """What a policy's file holds: the model as it is now, and `about` (plain values)."""
-    weights = copy.deepcopy(model.state_dict())
-    return {**about, **model.shape, "sharpness": model.sharpness, "state_dict": weights}
-
-
-def load_policy(path):
-    """(model, about); about["fits"] says what the policy was trained in."""
-    about = load_plain(path, "obs_dim", "act_dim", "hidden", "sharpness", "state_dict", "fits")
-    model = ActorCritic(about["obs_dim"], about["act_dim"], about["hidden"])
-    try:
-        model.load_state_dict(about.pop("state_dict"))
-    except (RuntimeError, TypeError) as error:
-        raise InputError(f"{path}: its networks are not those of stage 4") from error
-    model.sharpness = about["sharpness"]
-    return model, about
-
-
-def load_checkpoint(path, about, model, optimizer):
-    """Puts networks and Adam back to where a training stopped; returns its log and its policies."""
-    stored = load_plain(path, "rows", "policies", "optimizer")
-    last = stored["policies"]["policy.pt"]
-    if found := differences(last, about):
-        raise InputError(f"{path}: cannot resume: {found[0]}; use the same flags")
-    model.load_state_dict(last["state_dict"])
-    model.sharpness = last["sharpness"]
-    optimizer.load_state_dict(stored["optimizer"])
-    return stored["rows"], stored["policies"]
+        model = make_model(stored["obs_dim"], stored["act_dim"], stored["hidden"])
+        model.load_state_dict(stored["state_dict"])
+        model.sharpness = stored["sharpness"]
+        return model, stored
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: no such file") from error
+    except Exception as error:  # torch raises many types, with messages of many lines
+        raise InputError(f"{path}: damaged, or not written by 04_ppo.py") from error
 
 
 # ------------------------------------------------------------------------ the picture
@@ -565,51 +496,25 @@ def plot_learning_curve(rows, path, title):
     """Draws the log: a faint dot for each update, and a running mean over a twentieth of them."""
     steps = np.array([row["steps"] / 1000 for row in rows])  # [U]
     width = max(1, len(rows) // 20)
-    figure, grid = plt.subplots(2, 4, figsize=(16, 6.5))
+    figure = robot_model.Figure(figsize=(16, 6.5))
+    grid = figure.subplots(2, 4)
     for axes, (name, columns) in zip(grid.flat, PANELS.items()):
         for k, column in enumerate(columns.split()):
-            values = np.array([row.get(column, np.nan) for row in rows])  # nan: not reported
+            values = np.array([row.get(column, np.nan) for row in rows])
             mean = np.convolve(values, np.full(width, 1 / width), "valid")
             axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}", label=column)
             axes.plot(steps, values, f"C{k}.", alpha=0.2)
         axes.set(title=name, xlabel="steps of all robots [thousands]")
         axes.legend()
-        axes.set_visible(np.isfinite(values).any())
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    figure.suptitle(title, parse_math=False)  # a $ in a name is no formula
+    figure.suptitle(title)
     robot_model.save_figure(figure, path)
 
 
 # ------------------------------------------------------------------------ command line
-def gym_envs(env_id, num_envs):
-    """A registered Gymnasium environment for `train`: flat observations, actions in [0, 1]."""
-
-    def rescaled(one):
-        box = one.action_space
-        if not isinstance(box, gym.spaces.Box) or not box.is_bounded() or len(box.shape) != 1:
-            raise gym.error.Error("this PPO needs actions in a bounded Box [n]: try Pendulum-v1")
-        return gym.wrappers.RescaleAction(one, *np.float32([0, 1]))
-
-    try:
-        return gym.make_vec(
-            env_id,
-            num_envs,
-            "sync",
-            {"autoreset_mode": "SameStep"},
-            (rescaled, gym.wrappers.FlattenObservation),
-        )
-    except (gym.error.Error, ImportError) as error:
-        raise InputError(f"{env_id}: {error}") from error
-
-
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add(
-        "--imu",
-        action="store_true",
-        help="Let the policy also observe the torso's tilt and turning.",
-    )
     add(
         "--noise",
         action=argparse.BooleanOptionalAction,
@@ -619,48 +524,21 @@ def main(argv=None):
     add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
     add("--quick", action="store_true", help=f"Train for {QUICK_STEPS:,} double steps.")
     add("--resume", action="store_true", help="Continue a training that was stopped.")
-    add("--env", metavar="ID", help="Train on this Gymnasium environment instead of the walk.")
     args = parser.parse_args(argv)
-    if args.env and (args.sim == "mujoco" or args.imu):
-        parser.error("--env cannot be combined with --mujoco or --imu")
-    steps = QUICK_STEPS if args.quick else STEPS
-    if args.steps is not None:
-        steps = args.steps
-    cfg = GYM_CONFIG if args.env else PPOConfig()
+    steps = (QUICK_STEPS if args.quick else STEPS) if args.steps is None else args.steps
     if steps < 1:
         parser.error("--steps from 1 on")
-    task = args.env or args.sim
-    if args.env:
-        make_envs = partial(gym_envs, task)
-    else:
-        make_envs = partial(
-            env.FootstepVectorEnv, sim=args.sim, noise=args.noise, imu=args.imu, staggered=True
-        )
-    variants = ["imu"] * args.imu + ["quick"] * args.quick
-    out = robot_model.output_folder(args, task.replace("/", "-").replace(":", "-"), *variants)
-    print(f"training on {task}: {steps:,} steps or a few more, seed {args.seed}, into {out}")
-    try:
-        _, rows = train(
-            cfg,
-            make_envs,
-            out,
-            steps,
-            args.seed,
-            args.resume,
-            fits={"simulator": task},
-            imu=args.imu,
-            noise=args.noise,
-        )
-    except KeyboardInterrupt:
-        begun = (out / "checkpoint.pt").is_file()
-        told = "the same flags and --resume continue" if begun else "nothing was learned yet"
-        raise InputError(f"interrupted; {told}") from None
-    plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {task}, seed {args.seed}")
-    print(f"after {rows[-1]['minutes']:.1f} minutes: policy.pt, policy.start.pt, policy.tenth.pt,")
-    print(f"learning_curve.csv and learning_curve.png are in {out}")
-    if not args.env:
-        flag = " --mujoco" * (args.sim == "mujoco")
-        print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
+    out = robot_model.output_folder(args, *["quick"] * args.quick)
+    print(
+        f"training on {args.sim}: {steps:,} steps or a few more, seed {args.seed}, into {out}\n"
+        "(Ctrl-C stops it; the same flags and --resume continue)"
+    )
+    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, staggered=True)
+    _, rows = train(PPOConfig(), make_envs, out, steps, args.seed, args.resume, noise=args.noise)
+    plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.sim}, seed {args.seed}")
+    print(f"policy.pt, learning_curve.csv and learning_curve.png are in {out}")
+    flag = " --mujoco" * (args.sim == "mujoco")
+    print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
 
 
 if __name__ == "__main__":

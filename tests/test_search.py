@@ -16,25 +16,15 @@ env, robot_model = common.env, common.robot_model
 LIMITS = env.LIMITS["pymunk"]
 
 
-@pytest.fixture(autouse=True)
-def one_process(monkeypatch):
-    monkeypatch.setattr(robot_model, "CORES", 1)
-
-
 HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
 
-LATTICE = ((0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1))  # stay, go, turn left, a right-hand curve
+# stay, go, turn left, a right-hand curve: in cells and quarter turns
+LATTICE = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1)])
 
-ODD = np.array(
-    [
-        (0.13, 0.0, 0.0),
-        (-0.07, 0.0, 0.0),
-        (0.02, 0.06, 0.0),
-        (0.02, -0.06, 0.0),
-        (0.06, 0.01, 0.4),
-        (0.06, -0.01, -0.4),
-    ]
-)  # not in whole cells
+ODD = np.array([  # not in whole cells
+    (0.13, 0, 0), (-0.07, 0, 0), (0.02, 0.06, 0), (0.02, -0.06, 0),
+    (0.06, 0.01, 0.4), (0.06, -0.01, -0.4),
+])  # fmt: skip
 
 
 @pytest.fixture
@@ -48,25 +38,19 @@ def small_map(monkeypatch):
     return build
 
 
-def in_metres(moves):
-    """Moves in cells and quarter turns as moves in m, m, rad."""
-    return np.array(moves) * (search.CELL, search.CELL, math.pi / 2)
-
-
 def test_steps_to_go_obeys_its_equation(small_map):
     small_map(half=9, turns=12)
     value = search.steps_to_go(ODD, env.Task())
-    k, i, j = np.meshgrid(np.arange(12), *[np.arange(19)] * 2, indexing="ij")
-    x, y, yaw = poses = np.array([(i - 9) * 0.05, (j - 9) * 0.05, k * math.radians(30)])
-    (x, y, yaw), (ahead, aside, turn) = poses[..., None], ODD.T
-    x, y = (
-        x + np.cos(yaw) * ahead - np.sin(yaw) * aside,
-        y + np.sin(yaw) * ahead + np.cos(yaw) * aside,
-    )
-    after = search.look_up(value, np.stack([x, y, yaw + turn], -1))  # [..., A]
-    after[np.maximum(abs(x), abs(y)) > 0.45 + 1e-9] = search.FAR
-    want = np.minimum(search.FAR, 1 + after.min(-1))
-    want[(np.hypot(*poses[:2]) <= 0.05 + 1e-9) & (k == 0)] = 0
+    k, i, j = np.indices((12, 19, 19))
+    poses = np.stack([(i - 9) * 0.05, (j - 9) * 0.05, k * math.radians(30)], -1)
+    (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
+    x = x + np.cos(yaw) * ahead - np.sin(yaw) * aside
+    y = y + np.sin(yaw) * ahead + np.cos(yaw) * aside
+    after = np.stack([x, y, yaw + turn], -1)  # [..., A, 3]
+    left = search.look_up(value, after)  # [..., A]
+    left[np.abs(after[..., :2]).max(-1) > 0.45 + 1e-9] = search.FAR
+    want = np.minimum(search.FAR, 1 + left.min(-1))
+    want[(np.hypot(i - 9, j - 9) <= 1 + 1e-9) & (k == 0)] = 0
     hint = (
         "V = 1 + min over moves of V after the move: was it repeated until nothing changes? And V = "
         "0 at the goal: within 5 cm it has arrived. V[yaw, x, y] of the robot seen from the goal: "
@@ -104,15 +88,8 @@ def test_look_up_is_linear_between_cells(small_map):
 def test_look_up_closes_the_circle_of_yaws(small_map):
     small_map(half=1, turns=8)
     value = np.tile(np.arange(8.0)[:, None, None], (1, 3, 3))
-    for yaw, expected in (
-        (315, 7),
-        (337.5, 3.5),
-        (-22.5, 3.5),
-        (359.9999, 0),
-        (360, 0),
-        (-90, 6),
-        (-45 - 720, 7),
-    ):
+    want = {315: 7, 337.5: 3.5, -22.5: 3.5, 359.9999: 0, 360: 0, -90: 6, -45 - 720: 7}
+    for yaw, expected in want.items():
         found = search.look_up(value, np.array([0, 0, math.radians(yaw)]))
         close(found, expected, f"{yaw}°: after the last yaw, the first", atol=1e-4)
 
@@ -121,38 +98,23 @@ STEPS = np.zeros((len(LATTICE), 2, 3))
 STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
 
 
-def lattice_planner(small_map, change):
-    """A Planner on LATTICE moves, whose actions differ by 0.2 from one to the next."""
-    small_map(half=9, turns=4)
-    moves = in_metres(LATTICE)
-    return search.Planner((STEPS, moves, search.steps_to_go(moves, HERE), change))
-
-
-def decision(planner, pose, last=0):
-    """Which move it takes there after that one; pose [3] of the robot seen from the goal."""
-    actions = env.to_action(STEPS, LIMITS)
-    goal = robot_model.relative(np.array([pose]), np.zeros(3))
-    planner.reset(1)
-    (action,) = planner.act(view(goal, actions=np.stack([actions[[last]]] * 2, 1)))
-    return int(np.abs(actions - action).max(-1).argmin())
-
-
-@pytest.mark.parametrize(
-    "change, x, last, moves, why",
-    [
-        (1.0, 0.0, 0, [0], "it stays at the goal"),
-        (0.25, -0.2, 0, [1], "four cells: best is to go"),
-        (0.15, -0.2, 0, [0], "too different: do as before"),
-        (0.15, 0.0, 3, [3], "it cannot stop at once"),
-        *(
-            (1.0, -far, 0, [1, 3], "beyond the map of 0.45 m: on, not on the spot")
-            for far in (0.5, 1.0, 9.0)
-        ),
-    ],
-)
+@pytest.mark.parametrize("change, x, last, moves, why", [
+    (1.0, 0.0, 0, [0], "it stays at the goal"),
+    (0.25, -0.2, 0, [1], "four cells: best is to go"),
+    (0.15, -0.2, 0, [0], "too different: do as before"),
+    (0.15, 0.0, 3, [3], "it cannot stop at once"),
+    (1.0, -0.5, 0, [1, 3], "beyond the map of 0.45 m: on, not on the spot"),
+    (1.0, -9.0, 0, [1, 3], "far beyond it, too"),
+])  # fmt: skip
 def test_search_decides(small_map, change, x, last, moves, why):
-    planner = lattice_planner(small_map, change)
-    assert decision(planner, (x, 0.0, 0.0), last) in moves, why
+    """The robot stands at x, seen from the goal, and has just taken this move of LATTICE."""
+    small_map(half=9, turns=4)
+    lattice = LATTICE * (search.CELL, search.CELL, math.pi / 2)  # [m, m, rad]
+    planner = search.Planner((STEPS, lattice, search.steps_to_go(lattice, HERE), change))
+    actions = env.to_action(STEPS, LIMITS)  # they differ by 0.2 from one to the next
+    goal = robot_model.relative(np.array([[x, 0, 0]]), np.zeros(3))
+    (action,) = planner.act(view(goal, actions=np.stack([actions[[last]]] * 2, 1)))
+    assert np.abs(actions - action).max(-1).argmin() in moves, why
 
 
 def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_path, monkeypatch):

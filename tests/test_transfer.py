@@ -1,11 +1,12 @@
 """The study `transfer`: another model of the robot, another engine, another robot. The team's own
 file is not here; small_robot.urdf tells our robot as theirs does."""
 
+import re
 import sys
 from argparse import Namespace
 from dataclasses import replace
-from functools import partial
 from importlib.util import find_spec
+from unittest import mock
 
 import bullet
 import common
@@ -18,9 +19,10 @@ from checks import close
 from common import evaluate, robot_model, walk_engine
 
 TESTS = common.ROOT / "tests"
-URDF = transfer.readable(TESTS / "small_robot.urdf")
+FILE = TESTS / "small_robot.urdf"
+URDF = transfer.readable(FILE)
 ROBOT = robot_model.RobotModel()
-SETTINGS = "mujoco", 2, robot_model.stance(ROBOT), ROBOT, 1  # of a simulator: `make_sim`
+SETTINGS = 2, robot_model.stance(ROBOT), ROBOT  # of a simulator
 
 
 def pose(simulator, joints):
@@ -28,16 +30,14 @@ def pose(simulator, joints):
     data = mujoco.MjData(simulator.model)
     data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *joints]
     mujoco.mj_kinematics(simulator.model, data)
-    return np.hstack([data.xpos, data.xmat])[simulator.parts]
+    return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
 
 
-def walked(simulate, body=None):
+def walked(physics, body=None):
     """Where four walks of stage 2 end: the torsos' x, y, yaw. Nobody falls."""
     plans = [[double_step] * 4 for double_step in walk_engine.WALKS.values()]
-    tuned = walk_engine.TUNED["mujoco"]
-    poses, _, fall = walk_engine.walk_plans(
-        "mujoco", tuned, plans, body, robot=ROBOT, simulate=simulate
-    )
+    with mock.patch.dict(robot_model.SIMULATORS, mujoco=physics):
+        poses, _, fall = walk_engine.walk_plans("mujoco", walk_engine.TUNED["mujoco"], plans, body)
     assert (fall == 4).all()
     return poses[:, -1]
 
@@ -45,7 +45,7 @@ def walked(simulate, body=None):
 @pytest.mark.parametrize("mend", [True, False])
 def test_the_team_s_links_are_where_ours_are(mend):
     """Names, signs and zeros of the table. As published, the right foot is rolled."""
-    theirs, ours = transfer.team_sim(URDF, mend, *SETTINGS), robot_model.make_sim(*SETTINGS)
+    theirs, ours = transfer.team_sim(URDF, mend)(*SETTINGS), robot_model.MujocoSim(*SETTINGS)
     rolled = -transfer.MISTAKE * (np.arange(12) == 11)
     for joints in np.random.default_rng(0).uniform(-0.3, 0.6, (20, 12)):
         close(pose(theirs, joints), pose(ours, joints + (not mend) * rolled), atol=2e-5)
@@ -53,18 +53,37 @@ def test_the_team_s_links_are_where_ours_are(mend):
 
 def test_a_file_that_tells_our_robot_walks_as_our_robot():
     """Our masses, motors and floor; cleats instead of soles."""
-    theirs, ours = walked(partial(transfer.team_sim, URDF, True)), walked(robot_model.make_sim)
+    theirs, ours = walked(transfer.team_sim(URDF, True)), walked(robot_model.MujocoSim)
     close(theirs, ours, atol=0.1)
 
 
-@pytest.mark.parametrize("text, reason", [
-    ("<robot", "no URDF"), ("<robot/>", "another robot, it has no joint LAnklePitch"),
+KNEE = 'name="LKnee" type="revolute">'
+MIMIC = '<mimic joint="RKnee"/>'
+
+
+@pytest.mark.parametrize("pattern, instead, reason", [
+    ("</robot>", "", "no element"), ("<.*", "<robot/>", "its joints must be LHipYaw, LHipRoll"),
+    ("^", '<?xml version="1.0" encoding="x-none"?>', "unknown encoding"),
+    (KNEE, KNEE.replace("revolute", "fixed"), "its joints must be"),
+    ("LHip(Yaw|Roll)", lambda found: {"Yaw": "LHipRoll", "Roll": "LHipYaw"}[found[1]], "must be"),
+    (KNEE, KNEE + MIMIC, "mimic"), ('name="LShoulderPitch" .*?>', r"\g<0>" + MIMIC, "mimic"),
+    ('mass value="0.088"', 'mass value="0"', "mass"),
+    ('ixx="0.0003"', 'ixx="1"', "inertia must"), ("<inertial>.*?</inertial>", "", "mass"),
+    ("collision", "visual", "cleats"), ('(<link name="LAnkleRoll.*?)<collision>.*?</link>', r"\1</link>", "cleats"),
 ])  # fmt: skip
-def test_a_file_of_another_robot_is_one_line(tmp_path, text, reason):
+def test_a_file_that_does_not_tell_the_team_s_robot_is_one_line_at_once(
+    tmp_path, monkeypatch, pattern, instead, reason
+):
+    """Before anything walks; with "as published" beside it a table of falls would be a slander."""
+    monkeypatch.setattr(transfer, "measure", pytest.fail)
+    text = FILE.read_text("utf-8").split("-->")[1].strip()
+    changed = re.sub(pattern, instead, text, flags=re.DOTALL)
+    assert changed != text
     path = tmp_path / "robot.urdf"
-    path.write_text(text)
-    with pytest.raises(robot_model.InputError, match=f"robot.urdf: {reason}"):
-        common.main("transfer", ["--urdf", str(path)])
+    path.write_text(changed, "utf-8")
+    with pytest.raises(robot_model.InputError, match=f"robot.urdf: no URDF .*{reason}") as stopped:
+        common.main("transfer", ["--mujoco", "--urdf", str(path)])
+    assert "\n" not in str(stopped.value)
 
 
 def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
@@ -77,17 +96,19 @@ def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
         bullet.BulletSim(*SETTINGS)
 
 
-def test_rows_become_a_table_and_sentences():
+def test_rows_become_a_table_and_sentences(monkeypatch):
+    ended = {"outcome": np.array(["success"] * 2), "time": np.ones(2), "still_there": np.ones(2)}
+    monkeypatch.setattr(common, "walks", lambda *_: ended)
     rows = transfer.measure(Namespace(sim="mujoco"), {}, walks=2)
     without = (f"{transfer.MENDED}, {name}" for name in transfer.OFF)
     cases = transfer.BULLET, transfer.PUBLISHED, transfer.MENDED, *transfer.ZEROS, *without
     found = {"bullet": {"rows": rows + [row | {"case": case} for case in cases for row in rows]}}
-    assert transfer.MENDED in transfer.table(found, "mujoco")
+    assert transfer.MENDED in common.tables(transfer, found)
     assert "2 of 2 far goals" in transfer.found({"mujoco": found})["models"]
 
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
-    own = evaluate.names_in(TESTS / "exercises" / "starters" / "op3.py")
+    own = evaluate.load_robot(TESTS / "exercises" / "starters" / "op3.py")
     robot, tuned, limits = own.values()
     measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, limits)
     assert measured["stood"] > 0.8
@@ -100,7 +121,7 @@ def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
 def test_another_engine_walks_the_same_walks_with_our_masses_and_rotors():
     body = robot_model.Body.as_model(ROBOT, 4)
     poses = walked(bullet.BulletSim, body)
-    close(poses, walked(robot_model.make_sim), "as in MuJoCo, nearly", atol=0.3)
+    close(poses, walked(robot_model.MujocoSim), "as in MuJoCo, nearly", atol=0.3)
     for change in {"friction": np.full(4, 0.05)}, {"delay": np.ones(4, int)}:
         assert np.abs(walked(bullet.BulletSim, replace(body, **change)) - poses).max() > 0.005
     simulator = bullet.BulletSim(*SETTINGS)

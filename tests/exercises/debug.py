@@ -10,7 +10,6 @@ with it, by an assertion. Your own files stay as they are.
 
 import io
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,7 @@ from workbook import any_console
 
 ROOT = Path(__file__).resolve().parents[2]
 BUGS = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
+PATIENCE = 300  # [s] for a student's test
 
 
 def read_bug(name):
@@ -61,23 +61,30 @@ def put(name, folder, undo=False):
 
 def copied(folder):
     """The stages and what tests may import, in this folder."""
-    for path in [*ROOT.glob("0*.py"), ROOT / ".pytest.ini"]:
-        shutil.copy(path, folder)
-    hidden = shutil.ignore_patterns("__pycache__", "bugs")
-    shutil.copytree(ROOT / "tests", folder / "tests", ignore=hidden)
+    tests = [path for path in (ROOT / "tests").rglob("*.*") if path.is_file()]
+    for path in [*ROOT.glob("0*.py"), ROOT / ".pytest.ini", *tests]:
+        name = path.relative_to(ROOT)
+        if not {"__pycache__", "bugs"} & {*name.parts}:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(path.read_bytes())  # without its mode: it may be read-only
 
 
 def tested(folder):
     """(exit code of pytest, what it says) for the student's test."""
     command = "-m pytest -q -p no:cacheprovider tests/test_of_mine.py".split()
-    done = subprocess.run(
-        [sys.executable, *command],
-        cwd=folder,
-        capture_output=True,
-        encoding="utf-8",
-        errors="replace",
-        env=os.environ | {"PYTHONIOENCODING": "utf-8"},  # a Windows pipe has another one
-    )
+    more = {"PYTHONIOENCODING": "utf-8", "PYTEST_ADDOPTS": ""}  # a Windows pipe has another coding
+    try:
+        done = subprocess.run(
+            [sys.executable, *command],
+            cwd=folder,
+            timeout=PATIENCE,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            env=os.environ | more,
+        )
+    except subprocess.TimeoutExpired:
+        sys.exit(f"Your test takes longer than {PATIENCE} s: a loop that never ends?")
     return done.returncode, done.stdout + done.stderr
 
 
@@ -86,7 +93,7 @@ def judged(file, bug):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copied(folder)
-        shutil.copy(file, folder / "tests" / "test_of_mine.py")
+        (folder / "tests" / "test_of_mine.py").write_bytes(Path(file).read_bytes())
         code, said = tested(folder)
         if code != 0:
             sys.exit(f"{said}\nWithout the bug your test must pass, and it does not.")
@@ -117,8 +124,13 @@ def main():
             parser.error(f"{args.what}: no such file")
         else:
             print(judged(args.what, args.bug))
+    except (SyntaxError, tokenize.TokenError) as error:
+        file, _, _ = read_bug(args.bug)
+        parser.error(f"{file} is no Python: {error.args[0]}")
     except ValueError:
         parser.error(f"{args.bug}: it is so already, or its lines in the stage were changed")
+    except OSError as error:
+        parser.error(f"{error.filename}: {error.strerror}")
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 import common
@@ -92,7 +93,7 @@ def ranking(found):
         "planner | near: time, median; falls, time-outs | far: the same | still there "
         "| falls when pushed | points [95 % interval]"
     )
-    return evaluate.markdown(head, lines)
+    return common.markdown(head, lines)
 
 
 def noisy(folder):
@@ -102,7 +103,7 @@ def noisy(folder):
         if row["noise"]:
             own = walks[row["planner"], True, row["goal_std_m"]]
             walked = {"walks": [own["outcome"], own["time"]]}
-            found.setdefault(row["planner"], []).append(row | walked)
+            found.setdefault(row["planner"], []).append(common.with_falls(row) | walked)
     return found
 
 
@@ -115,21 +116,18 @@ def shown(file):
 def plot(found, path):
     """Points as bars, with their intervals; the best on top."""
     names, scores = ranked(found)
-    figure, axis = robot_model.plt.subplots(figsize=(8, 1.6 + 0.4 * len(names)))
+    figure = Figure(figsize=(8, 1.6 + 0.4 * len(names)))
+    axis = figure.subplots()
     for place, name in enumerate(reversed(names)):
         if scores[name] is None:
             axis.text(0, place, " disqualified", va="center")
             continue
-        low, high = interval(found[name][:2])
-        bar = axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
-        bar.set_label("of the repository" if name in FIELD else "contestants")
-        axis.plot([low, high], [place, place], "k", lw=2, label="95 % interval")
-    shapes, labels = axis.get_legend_handles_labels()
-    axis.legend(*zip(*dict(zip(labels, zip(shapes, labels))).values()))  # every label once
+        axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
+        axis.plot(interval(found[name][:2]), [place, place], "k", lw=2)
     axis.set(
         yticks=range(len(names)),
         yticklabels=names[::-1],
-        xlabel="points [s], the fewest win",
+        xlabel="points [s], the fewest win; black: 95 % interval; purple: of the repository",
         title="The contest: near and far goals in 3-D, with noise",
     )
     robot_model.save_figure(figure, path)
@@ -226,13 +224,13 @@ def walk(planner, name, seeds, episodes):
     """Rows of a planner, as `noisy` has them, for all WALKS."""
     rows = []
     for far, push in WALKS:
-        with common.world("mujoco", num_robots=episodes, push=push) as world:
-            parts = [
-                evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far))
-                for seed in seeds
-            ]
+        world = common.world("mujoco", num_robots=episodes, push=push)
+        parts = [
+            evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far))
+            for seed in seeds
+        ]
         ended = common.together(parts)
-        row = evaluate.summary(name, True, None, ended, env.Task())
+        row = common.row_of(ended, name, far)
         rows.append(row | {"walks": [ended["outcome"], ended["time"]]})
     return rows
 
@@ -267,9 +265,8 @@ def main():
         print(ranking(noisy(ROOT / "results" / "mujoco")))
         return
     out = robot_model.output_folder(args)
-    shipped = ROOT / "results" / "mujoco" / "policy.pt"
-    with common.world("mujoco", num_robots=1) as world:
-        field, _, _ = evaluate.choose_planners(world, [shipped])
+    tuned = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE["mujoco"])
+    field = dict(zip(FIELD, (common.shipped("mujoco"), tuned)))
     found, note = {}, f"Seeds {args.seeds}, {args.episodes} walks each."
     for place in (*FIELD, *files):
         name = place if place in FIELD else shown(place)
@@ -283,14 +280,8 @@ def main():
         finally:
             if isinstance(planner, Contestant):
                 planner.close()
-        try:
-            robot_model.write_text(out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
-            plot(found, out / "leaderboard.png")
-        except (
-            OSError,
-            robot_model.InputError,
-        ) as error:  # a full disk, say; the others still walk
-            print(f"not written: {error}", file=sys.stderr)
+        robot_model.write_text(out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
+        plot(found, out / "leaderboard.png")
     print(f"{note}\n\n{ranking(found)}\nleaderboard.md and .png are in {out}")
 
 

@@ -62,10 +62,10 @@ def reflex(sim):
         rng = np.random.default_rng(1)  # the same errors and pushes for every gain
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
 
-        def disturb(disturbance, robots):
-            _, ticks, _ = disturbance.gyro_error.shape
+        def disturb(k, disturbance, robots):
+            _, ticks, _ = disturbance.imu.shape
             noise = rng.normal(size=(96, ticks, 2))
-            disturbance.gyro_error[:] = (offset + task.imu_rad_s * noise)[robots]
+            disturbance.imu[..., 2:] = (offset + task.imu_rad_s * noise)[robots]
             last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
             first, way = rng.integers(last + 1, size=96), rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
@@ -88,7 +88,7 @@ def joints(sim):
     smooth = robot_model.RobotModel(stiction=(0.0,) * 6)
     nothing = env.Spread(**dict.fromkeys(vars(env.Spread()), 0))
     planners = {
-        "policy": common.policy(evaluate.default_policy(sim), sim),
+        "policy": common.shipped(sim),
         "tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
     }
     for title, settings in {
@@ -104,23 +104,22 @@ def joints(sim):
                 f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
                 f"{ended['time'][reached].mean():.2f} s"
             )
-        world.close()
 
 
 def filter_(sim):
     """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
     trials = evaluate.draw_trials(0, 100)
     for noise in (False, True):
-        with common.world(sim, num_robots=100, noise=noise) as world:
-            for tau in (0.0, 1.0, 3.0):
-                planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(time_constant=tau))
-                ended = evaluate.evaluate(planner, world, trials)
-                reached = ended["outcome"] == "success"
-                print(
-                    f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
-                    f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still "
-                    f"there {ended['still_there'][reached].mean():.2f}"
-                )
+        world = common.world(sim, num_robots=100, noise=noise)
+        for tau in (0.0, 1.0, 3.0):
+            planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(time_constant=tau))
+            ended = evaluate.evaluate(planner, world, trials)
+            reached = ended["outcome"] == "success"
+            print(
+                f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
+                f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still "
+                f"there {ended['still_there'][reached].mean():.2f}"
+            )
 
 
 EXPERIMENTS = {

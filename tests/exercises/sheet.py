@@ -65,7 +65,7 @@ def sheets(names):
     texts = {}
     for exercise in BOOK.values():
         path = find(exercise.file)
-        text = texts.setdefault(path.name, path.read_text(encoding="utf-8"))
+        text = texts.setdefault(path.name, path.read_text("utf-8-sig"))
         if exercise.name in names:
             texts[path.name] = emptied(text, exercise)
     return texts

@@ -26,9 +26,9 @@ ROWS = (
     ("wrap", ROBOT, ("wrap",), 1, 10, ("test_01_robot_model", "wrap_")),
     ("compose", ROBOT, ("compose", "relative"), 1, 20, ("test_01_robot_model", "compose_")),
     ("fallen", ROBOT, ("fallen",), 1, 15, ("test_01_robot_model", "fall_means")),
-    ("leg_points", ROBOT, ("leg_points",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
+    ("body_frames", ROBOT, ("body_frames",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
     ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_01_robot_model", "leg_inverse", "inverse_")),
-    ("reflex", ENGINE, ("WalkPlan.feedback",), 2, 40, ("test_02_walk_engine", "reflex_")),
+    ("reflex", ENGINE, ("WalkPlan.reflex",), 2, 40, ("test_02_walk_engine", "reflex_")),
     ("capture", ENGINE, ("capture_step", "waiting_pace"), 2, 40,
      ("test_02_walk_engine", "capture_", "waiting_")),
     ("quintic", ENGINE, ("quintic",), 2, 30, ("test_02_walk_engine", "quintic_")),
@@ -73,9 +73,8 @@ def graded_by(exercise, module, test):
 
 def any_console():
     """Lets the console show ? for a letter that it lacks, as one of Windows may lack ★."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a notebook's stream has none, and pythonw no stream
-            stream.reconfigure(errors="replace")
+    if hasattr(sys.stdout, "reconfigure"):  # that of a notebook cannot do this
+        sys.stdout.reconfigure(errors="replace")
 
 
 def command(name, folder="exercises"):

@@ -6,25 +6,76 @@ folder; an exercise whose file is missing there is "not handed in":
 
 FOLDER is looked for where you are, then in the repository's root. From another folder, add the path
 of `tests`, so that pytest finds .pytest.ini.
+
+What a student writes may never end, or end Python. So another process grades, and writes down what it
+begins and what comes out. If it ends too early, a new one goes on behind the test that ended it.
 """
 
-import _thread
+import faulthandler
+import json
 import os
 import re
-import signal
+import subprocess
 import sys
-import threading
-import time
+import tempfile
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 from sheet import ROOT  # of tests/exercises
 from workbook import BOOK, graded_by
 
-PATIENCE = 60  # [s] for the first test that does not end; the next ones get a sixth of it
+PATIENCE = 6  # [s] for an import, and for the first test that does not end; later ones get a sixth
+ENDS = "ends Python (exit, or main() unguarded?)"
+LATE = "takes too long: a loop that never ends?"
 
 
 def pytest_addoption(parser):
     parser.addoption("--stages", metavar="FOLDER", help="grade the exercises in this folder")
+    parser.addoption("--patience", type=float, default=PATIENCE, help="[s] for a test of these")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config):
+    """Lets other processes grade, until one of them comes to its end."""
+    if config.getoption("stages") is None or "GRADED" in os.environ:
+        return None
+    command = [sys.executable, "-m", "pytest", *config.invocation_params.args]
+    if config.pluginmanager.hasplugin("xdist"):
+        command += ["-n", "0"]  # one test after the other
+    stopped = []
+    with tempfile.TemporaryDirectory() as folder:
+        graded = Path(folder, "graded")
+        graded.touch()
+        while True:
+            try:
+                code = subprocess.run(command, env=os.environ | {"GRADED": str(graded)}).returncode
+            except KeyboardInterrupt:
+                return pytest.ExitCode.INTERRUPTED
+            known, stopped = (
+                stopped,
+                [
+                    f"{key} {said}"
+                    for key, (_, said) in read(graded).items()
+                    if said in (ENDS, LATE)
+                ],
+            )
+            if stopped == known:
+                return pytest.ExitCode.TESTS_FAILED if stopped else code
+            print(f"\n{stopped[-1]} What is left is graded now.\n", flush=True)
+
+
+def read(graded):
+    """What was written down by test or module: the exercises that it grades, and what it says; None:
+    it passes."""
+    found = {}
+    for line in graded.read_text("utf-8").splitlines():
+        if line.startswith("["):
+            key, names, said = json.loads(line)
+            found[key] = names, said
+        elif line.startswith("Timeout"):  # faulthandler says so of the last one
+            found[key] = names, LATE
+    return found
 
 
 def pytest_configure(config):
@@ -40,27 +91,44 @@ def pytest_configure(config):
         raise pytest.UsageError(f"--stages {given}: neither a stage nor another exercise in there")
     sys.path.insert(0, str(folder))  # before the folders of .pytest.ini
     sys.dont_write_bytecode = True  # no __pycache__ among a student's files
-    config.pluginmanager.register(Grading(config, folder))
+    config.pluginmanager.register(Grading(config, folder, Path(os.environ["GRADED"])))
 
 
 class Grading:
     """Runs the tests of the chosen exercises and nothing else, and says at last what to mend."""
 
-    def __init__(self, config, folder):
-        self.folder, chosen = folder, list(BOOK)
+    def __init__(self, config, folder, graded):
+        self.folder, self.chosen = folder, list(BOOK)
         words = re.findall(r"\w+", config.option.keyword)
         if words and set(words) <= {"or", *BOOK}:  # names of exercises, not of tests
-            chosen = [name for name in BOOK if name in words]
+            self.chosen = [name for name in BOOK if name in words]
             config.option.keyword = ""
         self.keyword = config.option.keyword  # of tests
-        self.results = {name: [] for name in chosen}  # per test: None, or what the failing one says
-        self.here = [name for name in chosen if (folder / f"{BOOK[name].file}.py").is_file()]
-        self.patience = PATIENCE
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # in the background, too
+        self.here = [name for name in self.chosen if (folder / f"{BOOK[name].file}.py").is_file()]
+        self.patience = config.getoption("patience")
+        self.found = read(graded)  # by the processes before this one
+        self.graded = graded.open("a", buffering=1, encoding="utf-8")
         if config.option.tbstyle == "auto":
             config.option.tbstyle = "short"
         config.option.continue_on_collection_errors = True  # one bad file, and the others' grades
         config.option.reportchars = "N"  # no summary that cuts the hints off
+
+    def note(self, key, names, said):
+        """Writes down what a test or a module says about these exercises."""
+        self.found[key] = names, said
+        print(json.dumps([key, names, said]), file=self.graded)
+
+    @contextmanager
+    def watched(self, key, names, seconds):
+        """What begins now ends this process, if it does not end itself in time."""
+        self.note(key, names, ENDS)
+        faulthandler.dump_traceback_later(seconds, exit=True, file=self.graded)
+        try:
+            yield
+        except SystemExit:
+            os._exit(1)
+        finally:
+            faulthandler.cancel_dump_traceback_later()
 
     def pytest_report_header(self):
         files = sorted({f"{BOOK[name].file}.py" for name in self.here})
@@ -68,7 +136,20 @@ class Grading:
 
     def pytest_ignore_collect(self, collection_path):
         graders = {BOOK[name].tests[0] for name in self.here}
+        graders -= {key for key, (_, said) in self.found.items() if said}  # cannot be imported
         return collection_path.suffix == ".py" and collection_path.stem not in graders or None
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_make_collect_report(self, collector):
+        """The tests, or the student's file, may not be importable."""
+        if not isinstance(collector, pytest.Module):
+            return (yield)
+        module = collector.path.stem
+        names = [name for name in self.here if BOOK[name].tests[0] == module]
+        with self.watched(module, names, self.patience):
+            report = yield
+        self.note(module, *((names, hint(report)) if report.failed else ((), None)))
+        return report
 
     @pytest.hookimpl(trylast=True)
     def pytest_collection_modifyitems(self, config, items):
@@ -78,59 +159,34 @@ class Grading:
                 for name in self.here
                 if graded_by(BOOK[name], item.path.stem, item.originalname)
             ]
-        config.hook.pytest_deselected(items=[item for item in items if not item.exercises])
-        items[:] = [item for item in items if item.exercises]
+        left = [item for item in items if item.exercises and item.nodeid not in self.found]
+        config.hook.pytest_deselected(items=[item for item in items if item not in left])
+        items[:] = left
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_call(self, item):
-        """An endless loop must not stop a teacher's loop over thirty submissions."""
-        seconds, begin = self.patience, time.monotonic()
-        late = threading.Timer(seconds, _thread.interrupt_main)
-        late.daemon = True
-        late.start()
-        try:
+    def pytest_runtest_protocol(self, item):
+        late = any(said == LATE for _, said in self.found.values())
+        with self.watched(item.nodeid, item.exercises, self.patience / (6 if late else 1)):
             return (yield)
-        except KeyboardInterrupt:
-            if time.monotonic() - begin < seconds:
-                raise  # Ctrl-C
-            self.patience = PATIENCE / 6
-            pytest.fail(f"takes longer than {seconds:.0f} s: a loop that never ends?")
-        finally:
-            late.cancel()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item, call):
         report = yield
-        if report.when == "call" or report.failed:
-            for name in item.exercises:
-                self.results[name].append(None if report.passed else hint(report))
+        if report.when == "call" or not report.passed:
+            self.note(item.nodeid, item.exercises, None if report.passed else hint(report))
         return report
-
-    @pytest.hookimpl(wrapper=True)
-    def pytest_make_collect_report(self, collector):
-        """A file that ends Python when it is imported must not take the other grades along."""
-        try:
-            return (yield)
-        except SystemExit:
-            said = "a file of these ends Python when it is imported (exit, or main() unguarded)"
-            return pytest.CollectReport(collector.nodeid, "failed", said, None)
-
-    def pytest_collectreport(self, report):
-        if report.failed:  # the tests, or the student's file, could not be imported
-            for name in self.here:
-                if report.nodeid.endswith(f"{BOOK[name].tests[0]}.py"):
-                    self.results[name].append(hint(report))
 
     @pytest.hookimpl(trylast=True)
     def pytest_terminal_summary(self, terminalreporter):
         write, stars, solved = terminalreporter.write_line, 0, 0
-        if self.keyword and not any(self.results.values()):
+        if self.keyword and not any(names for names, _ in self.found.values()):
             write(
                 f"-k {self.keyword}: no exercise is called like that. There are: {', '.join(BOOK)}"
             )
             return
         terminalreporter.section(f"what to mend in {self.folder.name}")
-        for name, results in self.results.items():
+        for name in self.chosen:
+            results = [said for names, said in self.found.values() if name in names]
             row, head = BOOK[name], f"{name} {BOOK[name].stars * '★'}"
             passed = results.count(None)
             if name not in self.here:
@@ -146,9 +202,9 @@ class Grading:
                 for text in [*said.values()][:4]:
                     write(f"  - {text}")
                 write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
-        total = sum(BOOK[name].stars for name in self.results)
+        total = sum(BOOK[name].stars for name in self.chosen)
         write(
-            f"{self.folder.name}: {solved} of {len(self.results)} exercises solved, "
+            f"{self.folder.name}: {solved} of {len(self.chosen)} exercises solved, "
             f"{stars} of {total} stars"
         )
 

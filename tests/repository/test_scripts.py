@@ -1,7 +1,5 @@
 """Every stage from the command line: a small run, its figures, and what happens to wrong values."""
 
-import contextlib
-import io
 import json
 import os
 import re
@@ -11,7 +9,8 @@ import sys
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
+from types import SimpleNamespace
+from unittest import mock
 
 import matplotlib.image
 import numpy as np
@@ -34,14 +33,13 @@ def python(*arguments, cwd=ROOT, **environment):
     )
 
 
-def run(script, *arguments, folder, code=0):
-    """A stage in its own process and a bare surrounding: no HOME, no display, no renderer."""
+def run(script, *arguments, folder):
+    """A stage in its own process and a bare surrounding: no HOME, no display."""
     bare = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
     environment = {name: os.environ[name] for name in bare}
-    environment |= {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8"}
-    environment |= {"MPLBACKEND": "TkAgg", "MUJOCO_GL": "none"}
+    environment |= {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8", "MPLBACKEND": "TkAgg"}
     done = python(ROOT / script, *arguments, cwd=folder, **environment)
-    assert done.returncode == code, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
+    assert done.returncode == 0, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done
 
@@ -57,9 +55,9 @@ def check_picture(path):
 @pytest.mark.slow
 @pytest.mark.parametrize("script, flags, said, files", [
     ("01_robot_model.py", ["--out", "../a new/one"], "smallest lean of a fall: 0",
-     [f"a new/one/01_{name}.png" for name in ("robot", "standing")]),
+     ["a new/one/01_robot.png"]),
     ("01_robot_model.py", ["--mujoco"], "smallest lean of a fall: 0",
-     [f"here/runs/mujoco/01_{name}.png" for name in ("robot", "standing")]),
+     ["here/runs/mujoco/01_robot.png"]),
     ("02_walk_engine.py", [], "a left turn",
      [f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
     ("03_env.py", [], "distance d.*right yaw, action before.*random: .* [1-9][0-9]* falls.*"
@@ -94,10 +92,7 @@ def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other
     flags = [*command.replace("100", "8").split()[1:], "--policy"]
     policy = ROOT / "results" / sim / "policy.pt"
     shown = run(tmp_path / "05_evaluate.py", *flags, policy, folder=tmp_path).stdout
-    assert (
-        f"another {'robot' if name == 'friction' else 'walk'}: {name} {value}, here {other}"
-        in shown
-    )
+    assert re.search(f"another .*{'robot' if name == 'friction' else 'walk'}", shown)
     assert "| policy " in shown
 
 
@@ -111,7 +106,6 @@ def main_of(script, monkeypatch, *arguments):
 def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     """04 in this process, with few robots and short episodes; 05 on all cores in another one."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(import_module("01_robot_model"), "CORES", 1)
     ppo = import_module("04_ppo")
     small = partial(ppo.PPOConfig, num_envs=8, rollout=8, minibatch=32)
     short = partial(ppo.env.FootstepVectorEnv, task=ppo.env.Task(time_limit=2.0))
@@ -122,7 +116,6 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert f'python 05_evaluate.py --noise --policy "{policy}"' in said, "say how to go on"
     rows = np.genfromtxt("train/learning_curve.csv", delimiter=",", names=True)
-    assert rows["steps"].tolist() == [64, 128, 192, 256]
     assert rows["timeout"][-1] > 0, "episodes have ended, and nobody counted them"
     check_picture("train/learning_curve.png")
     Path("goals.csv").write_text("x,y,yaw\n0,0,0\n0.01,0,0.05\n0,-0.01,-0.05\n0,0,0.1\n")
@@ -136,80 +129,56 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert [row["episodes"] for row in evaluation["rows"]] == [4] * 8
 
 
-def test_without_physics_ppo_trains_and_nobody_falls(tmp_path, monkeypatch):
-    """The starter `ideal`: a simulator comes in through the same door as ours, by an argument."""
+def test_without_physics_all_arrive(monkeypatch):
+    """The starter `ideal`: another physics is a class in SIMULATORS."""
     monkeypatch.syspath_prepend(str(EXERCISES / "starters"))
-    ideal, ppo, evaluate = map(import_module, ("ideal", "04_ppo", "05_evaluate"))
-    make_envs = partial(ppo.env.FootstepVectorEnv, staggered=True, **ideal.IDEAL)
-    cfg = ppo.PPOConfig(num_envs=16, rollout=8, minibatch=64)
-    _, rows = ppo.train(cfg, make_envs, tmp_path, 2 * 16 * 8)
-    assert len(rows) == 2 and (tmp_path / "policy.pt").is_file()
-    with contextlib.closing(ppo.env.FootstepWorld(20, **ideal.IDEAL)) as world:
-        ended = evaluate.evaluate(evaluate.BaselinePlanner(), world, evaluate.draw_trials(0, 20))
-        assert (ended["outcome"] == "success").all(), "all arrive where nothing slips"
-        plan = world.engine.plan(np.zeros((20, 2, 3)) + [0.1, 0, 0.2], np.arange(20))
-        before = world.simulator.state.copy()
-        torso = world.simulator.run(np.arange(20), plan).torso
-    trunk = plan.trunk[..., ideal.robot_model.GROUND]
-    moved = ideal.robot_model.relative(before, torso[:, -1, ideal.robot_model.GROUND])
-    want = ideal.robot_model.relative(trunk[:, 0], trunk[:, -1])
-    close(moved, want, "it moves exactly as planned")
+    robot_model = import_module("01_robot_model")
+    with mock.patch.dict(robot_model.SIMULATORS):  # the starter changes them
+        ideal, evaluate = import_module("ideal"), import_module("05_evaluate")
+        robot_model.SIMULATORS["mujoco"] = ideal.IdealSim
+        world = evaluate.env.FootstepVectorEnv(20, **ideal.IDEAL).world
+    ended = evaluate.evaluate(evaluate.BaselinePlanner(), world, evaluate.draw_trials(0, 20))
+    assert (ended["outcome"] == "success").all(), "nobody falls where nothing slips"
+    before = world.pose.copy()
+    plan = world.engine.plan(np.zeros((20, 2, 3)) + [0.1, 0, 0.2], np.arange(20))
+    world.simulator.run(np.arange(20), plan)
+    trunk = plan.trunk[..., robot_model.GROUND]
+    want = robot_model.relative(trunk[:, 0], trunk[:, -1])
+    close(robot_model.relative(before, world.pose), want, "it moves exactly as planned")
 
 
 def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatch):
-    """In order, drawn by Agg. Cells with ! or %run are left out: the first one installs, and the
-    stages are run above."""
+    """In order. Cells with ! or %run are left out: the first one installs, and the stages are run
+    above."""
     page = (EXERCISES / "notebook.md").read_text("utf-8")
     names, cells = {}, re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     for package in re.findall(r"^(?!pytest)\w+", (ROOT / "requirements.txt").read_text(), re.M):
         assert package in cells[0], "the first cell installs what the stages need"
-    monkeypatch.chdir(ROOT)
+    shutil.copytree(ROOT / "results" / "mujoco", tmp_path / "results" / "mujoco")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(Image=check_picture))
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(version_info=(9, 0)))
     for cell in cells:
         if not re.search(r"^(!|%run)", cell, re.MULTILINE):
-            exec(cell.replace("%matplotlib inline", ""), names)
-    names["world"].close()
-    names["robot_model"].save_figure(names["figure"], tmp_path / "walk.png")  # and closes it
-    check_picture(tmp_path / "walk.png")
-    assert names["walk"]["ending"].startswith("success")
-
-
-def test_a_notebook_shows_a_figure_when_it_is_written(tmp_path, monkeypatch):
-    shown, display = [], ModuleType("IPython.display")
-    display.Image, display.display = (lambda filename: filename), shown.append
-    ipython = ModuleType("IPython")
-    ipython.display, ipython.get_ipython = display, lambda: None
-    robot_model = import_module("01_robot_model")
-
-    def save():
-        robot_model.save_figure(robot_model.plt.figure(), tmp_path / "one.png")
-        return [path for path in shown if path.is_file()]
-
-    assert save() == [], "nobody has imported IPython"
-    monkeypatch.setitem(sys.modules, "IPython", ipython)
-    monkeypatch.setitem(sys.modules, "IPython.display", display)
-    assert save() == [], "a script that imports IPython is no notebook"
-    ipython.get_ipython = lambda: SimpleNamespace()
-    assert save() == [], "nor is IPython in a terminal, which has no kernel"
-    ipython.get_ipython = lambda: SimpleNamespace(kernel=True)
-    assert save() == [tmp_path / "one.png"]
+            exec(cell, names)
+    assert "success after" in names["panel"].get_title()
 
 
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "--seed must be 0 or more"),
     ("04_ppo.py", "--out a_file/sub", "a_file"),
-    ("04_ppo.py", "--env CartPole-v1 --out .", "Pendulum-v1"),
+    ("04_ppo.py", "--steps 0", "--steps from 1"),
     ("05_evaluate.py", "--episodes 0", "--episodes from 1"),
 ])  # fmt: skip
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
     (tmp_path / "a_file").write_text("not a folder")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", [script, *arguments.split()])
-    with pytest.raises(SystemExit) as caught:
-        import_module("01_robot_model").start(import_module(script.removesuffix(".py")).main)
-    assert caught.value.code == 2
+    wrong = partial(main_of, script, monkeypatch, *arguments.split())
+    with pytest.raises(SystemExit, match="2"):
+        import_module("01_robot_model").start(wrong)
     *usage, line = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith(f"{script}: "), f"say who complains: {line!r}"
-    assert mention in line, f"name the value that is wrong: {line!r}"
+    wanted = f"{script}: .*{mention}"
+    assert re.match(wanted, line), f"say who complains, and of which value: {line!r}"
     assert not usage or usage[0].startswith("usage: "), "argparse's usage may stand above it"
     assert [path.name for path in tmp_path.iterdir()] == ["a_file"], "wrong values write nothing"
 
@@ -219,27 +188,18 @@ PAGES = "README.md", "results/STUDIES.md", "results/pymunk/README.md", "results/
 PAGES += "tests/README.md", "tests/exercises/course.md", "tests/exercises/notebook.md"
 
 
-@pytest.fixture(scope="module")
-def flags():
-    """What --help of every stage names."""
-    known = {}
-    for script in STAGES:
-        shown, doc = io.StringIO(), import_module(script.removesuffix(".py")).__doc__
-        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(shown):
-            with pytest.raises(SystemExit) as caught:
-                main_of(script, patch, "--help")
-        assert caught.value.code == 0 and doc.splitlines()[0] in shown.getvalue()
-        known[script] = {*re.findall(r"--[a-z-]+", shown.getvalue().split(doc[:20])[0])}
-    return known
-
-
 @pytest.mark.parametrize("page", [*STAGES, *PAGES])
-def test_commands_and_files_that_a_page_or_stage_names_exist(page, flags):
+def test_commands_and_files_that_a_page_or_stage_names_exist(page, monkeypatch, capsys):
     text = (ROOT / page).read_text("utf-8")
     commands = re.findall(r"(0\d_\w+\.py)([^`\n]*)", text)
     assert commands, f"{page} does not say how to run it"
     for name, told in commands:
-        assert flags[name].issuperset(re.findall(r"--[a-z-]+", told)), f"{page}: `{name}{told}`"
+        with pytest.raises(SystemExit, match="0"):
+            main_of(name, monkeypatch, "--help")
+        usage, about, _ = capsys.readouterr().out.partition("\nStage ")
+        assert about, f"--help of {name} says what the stage is about"
+        known = re.findall(r"--[a-z-]+", usage)
+        assert set(re.findall(r"--[a-z-]+", told)) <= {*known}, f"{page}: `{name}{told}`"
     for path in re.findall(r"tests/[\w/]+\.py", text):
         assert (ROOT / path).is_file(), f"{page} names {path}, which does not exist"
 
@@ -267,11 +227,7 @@ def numbers(line):
     "name, commands, tolerance",
     [
         ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco"], 0.0011),
-        (
-            "reflex",
-            [f"{PREDICT} reflex --mujoco"],
-            0.06,
-        ),  # shares of 96 walks, by chance and machine
+        ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
         ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
     ],

@@ -49,15 +49,15 @@ class GaussianActor(ppo.ActorCritic):
 
 PEER = "Gaussian policy, no sharpening"
 SAME = "all robots and floors the same"
-VARIANTS = {  # name: what differs from the reference
+UNSHARPENED = ppo.PPOConfig(sharpest=1.0)
+VARIANTS = {  # name: what differs from the reference, see `learn`
     "reference": {},
     "Gaussian policy, clipped": {"model": GaussianActor},
-    PEER: {"model": GaussianActor, "config": {"sharpest": 1.0}},
-    "no sharpening": {"config": {"sharpest": 1.0}},
-    "with IMU": {"world": {"imu": True}},
-    SAME: {"world": {"spread": env.Spread(**dict.fromkeys(vars(env.Spread()), 0))}},
+    PEER: {"model": GaussianActor, "config": UNSHARPENED},
+    "no sharpening": {"config": UNSHARPENED},
+    SAME: {"spread": env.Spread(**dict.fromkeys(vars(env.Spread()), 0))},
     **{
-        f"without r_{name[2:]}": {"world": {"task": env.Task(**{name: 0.0})}}
+        f"without r_{name[2:]}": {"task": env.Task(**{name: 0.0})}
         for name in vars(env.Task())
         if name.startswith("s_")
     },
@@ -68,8 +68,8 @@ IN_3D = "reference", SAME, *(name for name in VARIANTS if name.startswith("witho
 ON_PLANE = "reference", *(name for name in VARIANTS if name not in IN_3D)
 ROBOTS = {
     "64 robots": {},
-    "256 robots": {"config": {"num_envs": 256}},
-    "256 robots, rollouts of 4": {"config": {"num_envs": 256, "rollout": 4}},
+    "256 robots": {"config": ppo.PPOConfig(num_envs=256)},
+    "256 robots, rollouts of 4": {"config": ppo.PPOConfig(num_envs=256, rollout=4)},
 }
 
 
@@ -77,38 +77,28 @@ class ModePlanner(evaluate.PolicyPlanner):
     """Decides by the mode of the distribution; the sharpness k does not change it."""
 
     def act(self, view):
-        seen = torch.as_tensor(view.observation[:, : self.columns])
+        seen = torch.as_tensor(view.observation)
         with torch.no_grad():
             return self.model.policy(seen).mode.numpy()
 
 
 def judged(planner, sim):
     """The row of a planner for 250 near and 250 far goals with noise."""
-    with common.world(sim, num_robots=GOALS // 2) as world:
-        ended = common.near_and_far(planner, world)
-    return evaluate.summary("policy", True, None, ended, env.Task())
+    ended = common.near_and_far(planner, common.world(sim, num_robots=GOALS // 2))
+    return common.row_of(ended, "policy") | {"goal_std_m": None}
 
 
-def learn(sim, name, seed, folder):
-    """Trains this variant in a folder, or goes on with it; returns its planner."""
-    variant = (VARIANTS | ROBOTS)[name]
-    make_envs = partial(
-        env.FootstepVectorEnv,
-        sim=sim,
-        noise=True,
-        staggered=True,
-        **variant.get("world", {}),
-    )
-    config = ppo.PPOConfig(**variant.get("config", {}))
-    stopped = (folder / "checkpoint.pt").exists()
+def learn(sim, seed, folder, model=ppo.ActorCritic, config=ppo.PPOConfig(), **world):
+    """Trains a variant in a folder, or goes on with it; returns its planner."""
+    settings = {"sim": sim, "noise": True, "staggered": True, **world}
     model, _ = ppo.train(
         config,
-        make_envs,
+        partial(env.FootstepVectorEnv, **settings),
         folder,
         STEPS,
         seed,
-        resume=stopped,
-        make_model=variant.get("model", ppo.ActorCritic),
+        resume=(folder / "checkpoint.pt").exists(),
+        make_model=model,
     )
     return evaluate.PolicyPlanner(model)
 
@@ -120,7 +110,8 @@ def study_short(args, names, seeds=SEEDS):
         folder = common.work(args.sim, "ablations", f"{name}_{seed}_{STEPS}")
         path = folder / "row.json"
         if not path.is_file():  # the row of a finished training stays until you delete it
-            row = judged(learn(args.sim, name, seed, folder), args.sim)
+            planner = learn(args.sim, seed, folder, **(VARIANTS | ROBOTS)[name])
+            row = judged(planner, args.sim)
             robot_model.write_text(path, json.dumps(row))
         rows.append({"variant": name, "seed": seed, **common.read_json(path)})
     return {"steps": STEPS, "rows": rows}
@@ -134,15 +125,11 @@ def study_ablations(args):
 def study_mode(args):
     """Rows of the shipped policy by both rules, 1,000 walks each, without pushes and with them."""
     model, _ = ppo.load_policy(common.RESULTS / args.sim / "policy.pt")
+    planners = {"mean": evaluate.PolicyPlanner(model), "mode": ModePlanner(model)}
     rows = []
-    for rule, planner in (
-        ("mean", evaluate.PolicyPlanner(model)),
-        ("mode", ModePlanner(model)),
-    ):
-        for far, push in product((False, True), (0.0, 0.4)):
-            with common.world(args.sim, push=push) as world:
-                ended = common.walks(planner, world, far, sets=2)
-            rows.append(common.row_of(ended, "policy", far, rule=rule, push=push))
+    for rule, far, push in product(planners, (False, True), (0.0, 0.4)):
+        ended = common.walks(planners[rule], common.world(args.sim, push=push), far, sets=2)
+        rows.append(common.row_of(ended, "policy", far, rule=rule, push=push))
     return rows
 
 
@@ -153,14 +140,12 @@ PARTS = {
 }
 
 
-MODE = {"rule": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3}
-
-
-def table(found, sim):
-    """Markdown of every training."""
-    columns = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
-    mode = {"goal_std_m": 1} | MODE
-    return common.sections(found, {"ablations": columns, "robots": columns, "mode": mode})
+SHORT = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
+COLUMNS = {
+    "ablations": SHORT,
+    "robots": SHORT,
+    "mode": {"goal_std_m": 1, "rule": 0, "push": 1, "time_mean": 2, "still_there": 3, "fall": 3},
+}
 
 
 def found(data):

@@ -17,7 +17,6 @@ import sys
 from functools import partial
 
 import common
-import matplotlib.pyplot as plt
 import numpy as np
 from common import ROOT, evaluate, pick, share, values
 from tqdm import tqdm
@@ -35,14 +34,12 @@ LEAVING = 50.0  # [s] price of leaving the goal again, if more often than allowe
 # The rule for all planners: of those that keep it, the fastest is taken. Our choice.
 STAYS = 0.93  # least share of *still there*, near and far
 MAX_FALLS, MAX_PUSHED = 0.005, 0.02  # share of the walks; of those with pushes
-Settings = evaluate.BaselineSettings
-TUNED = [name for name in vars(Settings()) if name != "share"]
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]
 
 
 def tuned_of(settings):
-    """The paper's controller with these settings, in the order of TUNED."""
-    return evaluate.BaselinePlanner(Settings(*settings, share=True))
+    """The paper's controller with these settings, but both feet share its steps."""
+    return evaluate.BaselinePlanner(evaluate.BaselineSettings(*settings, share=True))
 
 
 def expert_of(settings):
@@ -70,8 +67,7 @@ def final(world, planner):
     """
     others = {"sets": SETS, "first": 101, "purpose": "tuning"}
     near, far = (common.walks(planner, world, far, **others) for far in common.STD)
-    with common.world(world.sim, push=PUSH) as windy:
-        pushed = common.walks(planner, windy, far=True, **others)
+    pushed = common.walks(planner, common.world(world.sim, push=PUSH), far=True, **others)
     return facts(common.together([near, far])) | {
         "still_near": facts(near)["still_there"],
         "still_far": facts(far)["still_there"],
@@ -118,57 +114,51 @@ def keeps(row):
 
 
 def choose(rows):
-    """The best of these rows, and the rule that chose it."""
+    """The rule that chose the best of these rows, and the rows, which say whether they are chosen."""
     kept = [row for row in rows if keeps(row)]
     if kept:
-        return min(kept, key=lambda row: row["time"]), "the fastest that keeps the rule"
-    return min(rows, key=cost), "none keeps the rule: the one of the least cost"
+        rule, best = "the fastest that keeps the rule", min(kept, key=lambda row: row["time"])
+    else:
+        rule, best = "none keeps the rule: the one of the least cost", min(rows, key=cost)
+    return rule, [row | {"chosen": row is best} for row in rows]
 
 
-def searched(args, planner_of, names, now):
-    """The whole search, from the settings on that are in use, `now`, in the order of `names`."""
-    with common.world(args.sim) as world:
-        tried, ends = optimise(world, planner_of, now)
-        rows = [
-            {"price": price, "settings": dict(zip(names, at)), **final(world, planner_of(at))}
-            for price, at in [*zip(PRICES, ends), (None, now)]
+def searched(args, planner_of, now):
+    """The whole search, from the settings on that are in use, `now`: values by name."""
+    world = common.world(args.sim)
+    tried, ends = optimise(world, planner_of, [*now.values()])
+    rule, rows = choose(
+        [
+            {"price": price, "settings": dict(zip(now, at)), **final(world, planner_of(at))}
+            for price, at in [*zip(PRICES, ends), (None, [*now.values()])]
         ]
-    best, rule = choose(rows)
-    return {
-        "trials": 2 * SETS * common.PER_SET,
-        "rule": rule,
-        "finalists": [row | {"chosen": row is best} for row in rows],
-        "tried": tried,
-    }
+    )
+    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "finalists": rows, "tried": tried}
 
 
 def study_paper(args):
     """The facts of the paper's settings."""
-    with common.world(args.sim) as world:
-        return final(world, evaluate.BaselinePlanner(Settings()))
+    return final(common.world(args.sim), evaluate.BaselinePlanner())
 
 
 def study_tuned(args):
     """The search for TUNED_BASELINE of stage 5."""
-    now = evaluate.TUNED_BASELINE[args.sim]
-    return searched(args, tuned_of, TUNED, [getattr(now, name) for name in TUNED])
+    now = vars(evaluate.TUNED_BASELINE[args.sim]).copy()
+    del now["share"]
+    return searched(args, tuned_of, now)
 
 
 def study_expert(args):
     """The search for the constants of the expert; they are those for 3-D."""
     now = expert.Settings()
-    return searched(args, expert_of, EXPERT, [*now.top, *now.change, now.together, now.gain])
+    constants = [*now.top, *now.change, now.together, now.gain]
+    return searched(args, expert_of, dict(zip(EXPERT, constants)))
 
 
 def study_policy(args):
     """Rows of the trained policies on the same walks. The chosen one is to be shipped."""
-    with common.world(args.sim) as world:
-        rows = [
-            {"seed": seed, **final(world, planner)}
-            for seed, planner in common.trainings(args.sim).items()
-        ]
-    best, rule = choose(rows)
-    rows = [row | {"chosen": row is best} for row in rows]
+    world, planners = common.world(args.sim), common.trainings(args.sim)
+    rule, rows = choose([{"seed": k, **final(world, planners[k])} for k in planners])
     return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "rows": rows}
 
 
@@ -181,39 +171,31 @@ PARTS = {
 SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the figure
 
 
-def table(found, sim):
+def table(found):
     """The finalists beside the paper's settings, and the trainings."""
     facts = {"fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_near": 3, "still_far": 3}
+    facts["chosen"] = 0
     text = ""
     for part in ("baseline_tuned", "expert"):
         if part in found:
             rows = [row | row["settings"] for row in found[part]["finalists"]]
-            settings = dict.fromkeys(rows[0]["settings"], 2)
-            columns = {"price": 0} | settings | facts | {"chosen": 0}
-            if "paper" in found:
-                rows.insert(0, {"chosen": "paper", **found["paper"]})
+            columns = {"price": 0} | dict.fromkeys(rows[0]["settings"], 2) | facts
+            rows.insert(0, {"chosen": "paper", **found.get("paper", {})})
             rule = f"Chosen: {found[part]['rule']}."
             text += f"### {part}\n\n{common.table(rows, columns)}\n{rule}\n\n"
-    return text + common.sections(found, {"policy": {"seed": 0} | facts | {"chosen": 0}})
+    return text + common.sections(found, {"policy": {"seed": 0} | facts})
 
 
 def plot(found, sim):
     """Draws time over falls, without pushes and with them: what speed costs."""
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4), sharey=True)
+    figure, axes = common.subplots(1, 2, figsize=(11, 4), sharey=True)
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
     for axis, (key, title) in zip(axes, titles.items()):
         for part, marker in SHOWN.items():
             if part in found:
                 rows = found[part].get("finalists") or found[part]["rows"]
-                falls = 100 * np.array(values(rows, key))
-                axis.plot(
-                    falls,
-                    values(rows, "time"),
-                    marker,
-                    ms=10,
-                    color=common.COLORS[part],
-                    label=part,
-                )
+                look = {"ms": 10, "color": common.COLORS[part], "label": part}
+                axis.plot(100 * np.array(values(rows, key)), values(rows, "time"), marker, **look)
         axis.set(xlabel=f"falls: {title}", xlim=(0, None))
     axes[0].legend()
     axes[0].set_ylabel("mean time, near and far [s]")

@@ -3,8 +3,7 @@
     python -m pip install --only-binary=:all: pybullet==3.2.7
 
 MuJoCo's model of a robot holds all of its numbers: masses, places, motors, a Body. `BulletSim` hands
-them to PyBullet, and writes what happens there into the columns of MuJoCo's state. So only the
-methods `place` and `advance` differ from those of MujocoSim. The servo is that of stage 1, computed
+them to PyBullet. So only the methods `place` and `advance` differ from those of MujocoSim. The servo is that of stage 1, computed
 again every 2 ms and given as a torque, because PyBullet's own position motor follows another law.
 Traps:
 - PyBullet has no `armature`. We add the inertia of a rotor to the link below its joint, about the
@@ -31,9 +30,9 @@ FLOOR, ROBOT, JOINTS = 0, 1, [*range(12)]  # PyBullet counts the bodies of a wor
 
 
 class BulletSim(robot_model.MujocoSim):
-    """N robots in PyBullet; `state` as that of MujocoSim, without the rates of the joints."""
+    """N robots in PyBullet."""
 
-    def __init__(self, sim, num_robots, standing, robot, cores=None):
+    def __init__(self, num_robots, standing, robot):
         try:
             import pybullet
             from pybullet_utils.bullet_client import BulletClient
@@ -41,16 +40,16 @@ class BulletSim(robot_model.MujocoSim):
             raise robot_model.InputError(f"PyBullet is not installed: {PIP}") from error
         # Every world has all of PyBullet's functions and constants. It ends with its object.
         self.worlds = [BulletClient(pybullet.DIRECT) for _ in range(num_robots)]
-        super().__init__(num_robots, standing, robot, cores)
+        super().__init__(num_robots, standing, robot)
 
-    def place(self, robots, body):
+    def place(self, robots):
         """See `Simulator`."""
-        super().place(robots, body)
+        super().place(robots)
         for i in robots:
-            self.build(self.worlds[i], self.models[i])
+            self.stand(self.worlds[i], self.models[i])
 
-    def build(self, world, model):
-        """Floor and standing robot."""
+    def stand(self, world, model):
+        """Makes the floor and a standing robot."""
         torso, joints = self.standing
         world.resetSimulation()
         world.setGravity(*model.opt.gravity)
@@ -105,34 +104,35 @@ class BulletSim(robot_model.MujocoSim):
         mode, friction = world.VELOCITY_CONTROL, model.dof_frictionloss[6:]
         world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=friction)  # to the rate 0
 
-    def advance(self, robots, targets, push):
+    def advance(self, robots, targets, push, trunk):
         """See `Simulator`."""
-        states = np.repeat(self.state[robots, None], push.shape[1], 1)
-        states[:, :, self.TIME] += self.robot.control_dt * np.arange(1, push.shape[1] + 1)
-        for i, own, aims, forces in zip(robots, states, targets[:, :, 0], push):
-            world, model = self.worlds[i], self.models[i]
-            limit, gain = model.actuator_forcerange[:, 1], model.actuator_gainprm[:, 0]  # [12] each
-            for now, aim, force in zip(own, aims, forces):  # now: a view
-                for _ in range(STEPS):
-                    q, rate = angles_and_rates(world)
-                    # τ = clip(k·(target − q), ± limit) − d·q̇
-                    torque = np.clip(gain * (aim - q), -limit, limit) - model.dof_damping[6:] * rate
-                    world.setJointMotorControlArray(
-                        ROBOT, JOINTS, world.TORQUE_CONTROL, forces=torque
-                    )
-                    centre, _ = world.getBasePositionAndOrientation(ROBOT)
-                    # A force lasts for one step.
-                    world.applyExternalForce(ROBOT, -1, [*force, 0], centre, world.WORLD_FRAME)
-                    world.stepSimulation()
-                centre, turn = world.getBasePositionAndOrientation(ROBOT)
-                axes = np.reshape(world.getMatrixFromQuaternion(turn), (3, 3))
-                now[self.POSITION] = centre - axes @ model.body_ipos[1]
-                now[self.TURN] = np.roll(turn, 1)  # PyBullet's w is the last
-                now[self.ANGLES], _ = angles_and_rates(world)
-                now[self.OMEGA] = axes.T @ world.getBaseVelocity(ROBOT)[1]
-        states[~np.isfinite(states).all(2)] = 0  # as MuJoCo does: the state begins again, at time 0
-        self.state[robots] = states[:, -1]
-        return states
+        return np.array(
+            [
+                [self.tick(i, *inputs) for inputs in zip(aims[:, 0], forces)]
+                for i, aims, forces in zip(robots, targets, push)
+            ]
+        )
+
+    def tick(self, i, aim, force):
+        """The state [21] of robot i after a tick with these joint targets [12] and this push [2]."""
+        world, model = self.worlds[i], self.models[i]
+        limit, gain = model.actuator_forcerange[:, 1], model.actuator_gainprm[:, 0]  # [12] each
+        for _ in range(STEPS):
+            q, rate = angles_and_rates(world)
+            # τ = clip(k·(target − q), ± limit) − d·q̇
+            torque = np.clip(gain * (aim - q), -limit, limit) - model.dof_damping[6:] * rate
+            world.setJointMotorControlArray(ROBOT, JOINTS, world.TORQUE_CONTROL, forces=torque)
+            centre, _ = world.getBasePositionAndOrientation(ROBOT)
+            # A force lasts for one step.
+            world.applyExternalForce(ROBOT, -1, [*force, 0], centre, world.WORLD_FRAME)
+            world.stepSimulation()
+        centre, turn = world.getBasePositionAndOrientation(ROBOT)
+        axes = np.reshape(world.getMatrixFromQuaternion(turn), (3, 3))
+        position = centre - axes @ model.body_ipos[1]
+        angles, _ = angles_and_rates(world)
+        omega = axes.T @ world.getBaseVelocity(ROBOT)[1]
+        # PyBullet's w is the last
+        return np.concatenate([position, robot_model.euler(np.roll(turn, 1)), angles, omega])
 
 
 def angles_and_rates(world):

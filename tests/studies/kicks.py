@@ -11,9 +11,10 @@ steps: the shipped policy without some of the answers to a push (`reflex`, `capt
 """
 
 from dataclasses import replace
+from itertools import product
 
 import common
-import matplotlib.pyplot as plt
+import mujoco
 import numpy as np
 import seeds
 from common import env, evaluate, fallen, pick, robot_model, share, values
@@ -25,30 +26,43 @@ SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 def study_pushes(args):
     """Rows of every planner at every Δv, on far goals."""
     planners, rows = {"policy": common.shipped(args.sim), **common.opponents(args.sim)}, []
-    for speed in SPEEDS:
-        with common.world(args.sim, push=speed) as world:
-            for name, planner in planners.items():
-                ended = common.walks(planner, world, far=True, first=seeds.POOLED_FIRST)
-                rows.append(common.row_of(ended, name, far=True, speed=speed))
+    for speed, name in product(SPEEDS, planners):
+        world = common.world(args.sim, push=speed)
+        ended = common.walks(planners[name], world, far=True, first=seeds.POOLED_FIRST)
+        rows.append(common.row_of(ended, name, far=True, speed=speed))
     return rows
+
+
+class BlocksSim(robot_model.MujocoSim):
+    """The floor is a map of heights, which `Blocks` fills."""
+
+    def build(self, robot):
+        """See `MujocoSim`."""
+        spec = mujoco.MjSpec.from_string(robot_model.mujoco_xml(robot))
+        flat = [0.0] * 160**2
+        spec.add_hfield(name="blocks", nrow=160, ncol=160, size=[4, 4, 1, 0.1], userdata=flat)
+        kind = mujoco.mjtGeom.mjGEOM_HFIELD
+        spec.worldbody.add_geom(name="blocks", type=kind, hfieldname="blocks")
+        for side in ("left", "right"):  # each robot has a μ of its own
+            spec.add_pair(geomname1="blocks", geomname2=f"{side} sole", condim=3)
+        return spec.compile()
 
 
 class Blocks(env.FootstepWorld):
     """A floor of blocks 0.2 m wide, up to 4 m from the origin, with random heights from 0 to
     `highest` [m]; where the robots stand at first it is flat."""
 
-    def __init__(self, num_robots, *args, highest, **settings):
+    def __init__(self, *args, highest, **settings):
         self.highest = highest
-        super().__init__(num_robots, *args, **settings)
+        super().__init__(*args, **settings)
 
     def reset(self, robots, *args, **more):
         super().reset(robots, *args, **more)
         for i, rng in zip(robots, self.rngs[robots, env.WORLD]):
             heights = rng.uniform(0, self.highest, (40, 40))
             heights[19:21, 19:21] = 0
-            model = self.simulator.models[i]  # its own since the reset, as it got a Body
-            model.hfield_data = np.kron(heights, np.ones((4, 4))).ravel()  # 4 samples each
-            model.geom("blocks").pos = 0
+            # 4 samples each; a robot's model is its own since the reset
+            self.simulator.models[i].hfield_data = np.kron(heights, np.ones((4, 4))).ravel()
 
 
 class SlowNoise(env.FootstepWorld):
@@ -58,12 +72,10 @@ class SlowNoise(env.FootstepWorld):
         super().__init__(num_robots, *args, **settings)
         self.last = np.zeros((num_robots, 3))
 
-    def noisy(self, purpose, exact, robots, std):
-        noisy = super().noisy(purpose, exact, robots, std)
-        if purpose != env.NOISE:
-            return noisy
+    def measure(self, robots, std):
+        exact = self.relative_goal(robots)
         # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
-        new = noisy - exact
+        new = super().measure(robots, std) - exact
         slow = 0.9 * self.last[robots] + (1 - 0.9**2) ** 0.5 * new
         self.last[robots] = np.where(self.steps[robots, None] == 0, new, slow)
         return exact + self.last[robots]
@@ -89,8 +101,8 @@ WORLDS = {  # settings of the world
     "joint zeros, σ 1°": {"spread": env.Spread(zero=np.radians(1.0))},
 }
 BLOCKS = {
-    "blocks up to 5 mm": {"kind": Blocks, "highest": 0.005},
-    "blocks up to 10 mm": {"kind": Blocks, "highest": 0.010},
+    f"blocks up to {height} mm": {"kind": Blocks, "physics": BlocksSim, "highest": height / 1000}
+    for height in (5, 10)
 }
 
 
@@ -98,31 +110,30 @@ def study_worlds(args):
     """Rows of the policy in every world, 500 near and 1,000 far walks, on seeds of `seeds.py`."""
     policy, rows = common.shipped(args.sim), []
     for title, settings in (WORLDS | (BLOCKS if args.sim == "mujoco" else {})).items():
-        with common.world(args.sim, **settings) as world:
-            for far in (False, True):
-                ended = common.walks(policy, world, far, 1 + far, seeds.POOLED_FIRST)
-                rows.append(common.row_of(ended, "policy", far, world=title))
+        world = common.world(args.sim, **settings)
+        for far in (False, True):
+            ended = common.walks(policy, world, far, 1 + far, seeds.POOLED_FIRST)
+            rows.append(common.row_of(ended, "policy", far, world=title))
     return rows
 
 
-class Lag(env.FootstepWorld):
+class LateSim(robot_model.MujocoSim):
     """The measured tilt is 40 ms old."""
 
-    def __init__(self, num_robots, *args, **settings):
-        self.before, self.last = np.zeros((2, num_robots, 2))  # [N, 2] [rad] the last two readings
-        super().__init__(num_robots, *args, **settings)
-        self.exact = self.simulator.imu
-        self.simulator.imu = self.late
+    def __init__(self, num_robots, *settings):
+        self.tilts = np.zeros((2, num_robots, 2))  # [rad] the last two readings
+        super().__init__(num_robots, *settings)
 
-    def late(self, robots):
-        tilt, rates = self.exact(robots)
-        told = self.before[robots]
-        self.before[robots], self.last[robots] = self.last[robots], tilt
-        return told, rates
+    def place(self, robots):
+        """See `Simulator`."""
+        super().place(robots)
+        self.tilts[:, robots] = self.state[robots, 3:5]
 
-    def reset(self, robots, *args, **more):
-        super().reset(robots, *args, **more)
-        self.before[robots] = self.last[robots] = 0, self.engine.parameters.trunk_pitch
+    def imu(self, robots):
+        """See `Simulator`."""
+        now, late = super().imu(robots), self.tilts[0, robots]
+        self.tilts[:, robots] = self.tilts[1, robots], now[:, :2]
+        return np.hstack([late, now[:, 2:]])
 
 
 class Wrong(env.FootstepWorld):
@@ -130,7 +141,7 @@ class Wrong(env.FootstepWorld):
 
     def _disturbance(self, plan, robots):
         disturbance = super()._disturbance(plan, robots)
-        disturbance.tilt_error += 0.02 * np.sign(self.gyro_offset[robots])[:, None]
+        disturbance.imu[..., :2] += 0.02 * np.sign(self.gyro_offset[robots])[:, None]
         return disturbance
 
 
@@ -139,7 +150,7 @@ ANSWERS = {  # what answers a push: settings of the walk
     "without capture steps": {"capture": 0.0},
     "without waiting": {"wait": 0.0},
     "reflex alone": {"capture": 0.0, "wait": 0.0},
-    "open loop": {"reflex": 0.0, "capture": 0.0, "wait": 0.0},
+    "open loop": common.NO_ANSWERS,
 }
 FLAT = "flat floor"
 HARD = {  # worlds in which steps might fail: settings
@@ -147,7 +158,7 @@ HARD = {  # worlds in which steps might fail: settings
     "μ = 0.35": ground(0.35),
     "μ = 1.1": ground(1.1),
     "a gyro ten times worse": WORLDS["a gyro ten times worse"],
-    "tilt 40 ms late": {"kind": Lag},
+    "tilt 40 ms late": {"physics": LateSim},
     "tilt off by 0.02 rad": {"kind": Wrong},
     "joint zeros, σ 1°": WORLDS["joint zeros, σ 1°"],
 }
@@ -166,59 +177,41 @@ def study_steps(args):
     for name, push, far, sets in CASES if args.sim == "mujoco" else CASES[:4]:
         for answer in ANSWERS if name == FLAT and push else ("all", "reflex alone"):
             walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
-            with common.world(args.sim, walk=walk, push=push, **HARD.get(name, {})) as world:
-                ended = common.walks(policy, world, far, sets, first=seeds.POOLED_FIRST)
+            world = common.world(args.sim, walk=walk, push=push, **HARD.get(name, {}))
+            ended = common.walks(policy, world, far, sets, first=seeds.POOLED_FIRST)
             if answer == "all":
                 reference = ended
             fell, usual = ended["outcome"] == "fall", reference["outcome"] == "fall"
             ratio = evaluate.time_ratio(ended, reference)
-            row = common.row_of(ended, "policy", far, world=name, push=push, answer=answer)
-            row["time_over_all"] = ratio["time_ratio"]
-            row["time_over_all_ci95"] = ratio["time_ratio_ci95"]
-            row["no_longer"] = int((usual & ~fell).sum())
-            row["newly"] = int((fell & ~usual).sum())
-            rows.append(row)
+            row = {"world": name, "push": push, "answer": answer}
+            row |= {f"time_over_all{end}": ratio[f"time_ratio{end}"] for end in ("", "_ci95")}
+            row |= {"no_longer": int((usual & ~fell).sum()), "newly": int((fell & ~usual).sum())}
+            rows.append(common.row_of(ended, "policy", far, **row))
     return rows
 
 
-PARTS = {
-    "pushes": study_pushes,
-    "worlds": study_worlds,
-    "steps": study_steps,
+PARTS = {"pushes": study_pushes, "worlds": study_worlds, "steps": study_steps}
+
+
+WALKED = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
+COLUMNS = {
+    "pushes": {"speed": 1, **WALKED},
+    "worlds": {"world": 0, "goal_std_m": 1, "falls": 0, **WALKED},
+    "steps": {"world": 0, "push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
+    | {"time_over_all": 3, "still_there": 2, "no_longer": 0, "newly": 0},
 }
-
-
-STEPS = {
-    **{"world": 0, "push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0},
-    **{"time_over_all": 3, "still_there": 2, "no_longer": 0, "newly": 0},
-}
-
-
-def table(found, sim):
-    """Markdown, all with noise."""
-    columns = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
-    return common.sections(
-        found,
-        {
-            "pushes": {"speed": 1} | columns,
-            "worlds": {"world": 0, "goal_std_m": 1, "falls": 0} | columns,
-            "steps": STEPS,
-        },
-    )
 
 
 def plot(found, sim):
-    """Draws the share of falls over Δv, one colour for each planner, with 95 % intervals."""
+    """Draws the falls over Δv, one colour for each planner, with 95 % intervals."""
     rows = found["pushes"]["rows"]
-    figure, axis = plt.subplots(figsize=(8, 4))
+    figure, axis = common.subplots(figsize=(8, 4))
     for shift, name in enumerate(dict.fromkeys(values(rows, "planner"))):
-        own = pick(rows, planner=name)
-        moved = np.add(values(own, "speed"), 0.004 * shift)  # so that no interval hides another
-        fall, bars = common.fall_bars(own)
-        axis.errorbar(moved, fall, bars, color=common.COLORS.get(name), capsize=3, label=name)
+        look = {"color": common.COLORS[name], "label": name}
+        common.draw_falls(axis, pick(rows, planner=name), "speed", 0.004 * shift, **look)
     axis.set(
         xlabel="push: Δv of the torso [m/s]",
-        ylabel="share of walks with a fall [1]",
+        ylabel="falls [% of the walks]",
         title=f"Pushed every 3 s on average, on the way to far goals ({sim})",
         ylim=(0, None),
     )

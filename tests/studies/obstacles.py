@@ -12,10 +12,9 @@ A walk touches a disc if, at any time, a sole or the torso's column comes over i
 counts, too.) For comparison the robot walks to the same goals without discs.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import common
-import matplotlib.pyplot as plt
 import networkx  # PyTorch brings it along
 import numpy as np
 from common import env, evaluate, robot_model, share
@@ -133,7 +132,7 @@ def touching(robot, motion, fields):
     # Every 40 ms, torso [t, 6] and joints [t, 12]
     for field, torso, joints in zip(fields, motion.torso[:, ::4], motion.joints[:, ::4]):
         discs, radius = field.discs[:, :2], field.discs[:, 2]  # [k, 2], [k]
-        feet = robot_model.foot_poses(robot, torso, joints)[:, :, None]  # [t, 2, 1, 3]
+        feet = evaluate.foot_poses(robot, torso, joints)[:, :, None]  # [t, 2, 1, 3]
         # A disc's middle seen from a foot [t, 2, k], and the point of the sole that is nearest to it
         x, y = np.moveaxis(robot_model.turned(discs - feet[..., :2], -feet[..., 2]), -1, 0)
         y[:, robot_model.RIGHT] *= -1  # as if it were a left foot
@@ -160,54 +159,42 @@ def study(args):
     straight = np.linalg.norm(trials.goals[:, :2], axis=1)
     length = np.array([field.length for field in fields])
     planners = common.opponents(args.sim) | {"policy": common.shipped(args.sim)}
-    rows = []
-    with common.world(args.sim, num_robots=FIELDS) as world:
-        for name in ("policy", "baseline_tuned"):
-            around = walk_fields(planners[name], world, fields, trials)
-            beside = evaluate.evaluate(planners[name], world, trials)
-            for ended, way in ((around, length), (beside, straight)):
-                row = common.row_of(ended, name, discs=ended is around)
-                if ended is around:
-                    row["touches"] = ended["touched"].mean()
-                least = way[ended["outcome"] == "success"] / SPEED  # [s]
-                row["time_over_way"] = row["time_mean"] / least.mean()
-                rows.append(row)
+    world, rows = common.world(args.sim, num_robots=FIELDS), []
+    for name in ("policy", "baseline_tuned"):
+        around = walk_fields(planners[name], world, fields, trials)
+        beside = evaluate.evaluate(planners[name], world, trials)
+        for ended, way in ((around, length), (beside, straight)):
+            row = common.row_of(ended, name, discs=ended is around)
+            if ended is around:
+                row["touches"] = ended["touched"].mean()
+            least = way[ended["outcome"] == "success"] / SPEED  # [s]
+            rows.append(row | {"time_over_way": row["time_mean"] / least.mean()})
     return {"rows": rows, "fields": FIELDS}
 
 
-def recorded(sim, numbers):
-    """The fields with these numbers, and how the policy walked in each of them, see `record`."""
-    planner = common.shipped(sim)
-    fields, trials = draw_fields(max(numbers) + 1)
-    with common.world(sim, num_robots=1, cores=1) as world:
-        for i in numbers:
-            chain = Chain(planner, world, [fields[i].way])
-            one = evaluate.Trials(trials.goals[i : i + 1], SEED, first=i)
-            yield fields[i], next(evaluate.record(chain, world, one))
-
-
-def draw_discs(axes, field, camera):
+def draw_discs(axes, field):
     """Draws the discs, grey, and the shortest path around them."""
-    angle = np.linspace(0, 2 * np.pi, 60)
-    for x, y, radius in field.discs:
-        outline = [x + radius * np.cos(angle), y + radius * np.sin(angle)]
-        axes.fill(*(camera[1:, :2] @ outline), color="0.45", lw=0, zorder=0.4)
+    for *middle, radius in field.discs:
+        circle = robot_model.turned([radius, 0], np.linspace(0, 2 * np.pi, 60))
+        axes.fill(*(middle + circle).T, color="0.45", lw=0, zorder=0.4)
     way = np.vstack([[0, 0], field.way[:, :2]])
-    axes.plot(*(camera[1:, :2] @ way.T), "k:", lw=1, zorder=0.4)
+    axes.plot(*way.T, "k:", lw=1, zorder=0.4)
 
 
 SHOWN = 2, 1, 0  # fields of the figure
 
 
 def plot(found, sim):
-    """Draws three fields from above."""
-    figure, grid = plt.subplots(1, len(SHOWN), figsize=(13.2, 4.8))
-    camera = robot_model.camera_at(-90, 90)
-    for axes, (field, walk) in zip(grid, recorded(sim, SHOWN)):
-        draw_discs(axes, field, camera)
-        robot_model.draw_way(axes, robot_model.RobotModel(), walk["goal"], walk["feet"], camera)
-        axes.plot(*walk["torso"][:, :2].T, "k", lw=1)
-        title = f"{walk['ending']}; shortest way {field.length:.1f} m"
+    """Draws three fields from above, and the policy's walks in them."""
+    figure, grid = common.subplots(1, len(SHOWN), figsize=(13.2, 4.8))
+    fields, trials = draw_fields(max(SHOWN) + 1)
+    world = common.world(sim, num_robots=1)
+    for axes, i in zip(grid, SHOWN):
+        draw_discs(axes, fields[i])
+        chain = Chain(common.shipped(sim), world, [fields[i].way])
+        one = replace(trials, goals=trials.goals[i : i + 1], first=i)
+        walked = evaluate.draw_walks(axes, world, chain, one)
+        title = f"shortest way {fields[i].length:.1f} m{walked}"
         axes.set(title=title, aspect="equal", xlabel="x [m]", ylabel="y [m]")
     figure.suptitle(
         f"The policy around discs; dotted: the shortest way that keeps {MARGIN} m from them; "
@@ -219,10 +206,10 @@ def plot(found, sim):
 PARTS = {"walks": study}
 
 
-def table(found, sim):
-    """Markdown: both planners, around the discs and without them."""
-    columns = {"planner": 0, "discs": 0, "success": 3, "touches": 3, "fall": 3, "time_mean": 1}
-    return common.sections(found, {"walks": columns | {"time_over_way": 2}})
+COLUMNS = {
+    "walks": {"planner": 0, "discs": 0, "success": 3, "touches": 3, "fall": 3, "time_mean": 1}
+    | {"time_over_way": 2}
+}
 
 
 def found(data):

@@ -20,7 +20,7 @@ from common import env, evaluate, ppo, robot_model, values
 torch = ppo.torch
 DURATION = "40 minutes; 3-D: 80"
 SEEDS = range(6)
-CFG = ppo.PPOConfig(sharpest=1.0)
+CFG = ablations.UNSHARPENED
 UPDATES = -(-ablations.STEPS // (CFG.num_envs * CFG.rollout))
 
 
@@ -65,7 +65,7 @@ def learn(sim, seed):
         """Its prediction is the mean of the normal distribution, clipped."""
         return model.predict(obs, deterministic=True)[0]
 
-    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide, shape={"obs_dim": 20}))
+    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide))
     return {"seed": seed, **ablations.judged(planner, sim)}
 
 
@@ -82,10 +82,7 @@ def study_sb3(args):
 PARTS = {"ours": study_ours, "sb3": study_sb3}
 
 
-def table(found, sim):
-    """Markdown of all trainings."""
-    columns = {"seed": 0, "success": 3, "fall": 3, "time_mean": 2}
-    return common.sections(found, dict.fromkeys(PARTS, columns))
+COLUMNS = dict.fromkeys(PARTS, {"seed": 0, "success": 3, "fall": 3, "time_mean": 2})
 
 
 def found(data):

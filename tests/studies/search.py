@@ -15,6 +15,7 @@ table. The planner reads results/<sim>/search.npz.
 import json
 import math
 from dataclasses import asdict
+from itertools import product
 
 import baseline
 import common
@@ -191,13 +192,11 @@ def make_map(sim, factor):
 
 def study(args):
     """Tries every size with every largest change, and writes the best one's map."""
-    tried, maps = [], {}
-    with common.world(args.sim) as world:
-        for factor in FACTORS:
-            maps[factor] = make_map(args.sim, factor)
-            for change in CHANGES:
-                facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
-                tried.append({"factor": factor, "change": change, **facts})
+    tried, world = [], common.world(args.sim)
+    maps = {factor: make_map(args.sim, factor) for factor in FACTORS}
+    for factor, change in product(FACTORS, CHANGES):
+        facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
+        tried.append({"factor": factor, "change": change, **facts})
     # The planner aims at the edge of the tolerance; leaving it again costs nothing here.
     best = min(tried, key=lambda row: baseline.cost(row | {"still_there": 1.0}))
     known = *maps[best["factor"]], best["change"]
@@ -208,7 +207,7 @@ def study(args):
 PARTS = {"": study}
 
 
-def table(found, sim):
+def table(found):
     """Markdown of all that were tried."""
     columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
     return common.table(found["rows"], columns | {"chosen": 0})

@@ -13,13 +13,14 @@ estimate: how large are the errors of the estimated goal, and how large are thos
 claims? Also for a simpler filter. Writes seeds.estimate.png.
 pairs: times of the policy and of `expert`, goal by goal, from results/<sim>/trials.csv. Writes
 seeds.pairs.png.
-film: writes learning.gif.
+film: the policies of --film FILE …, called like their files, on their way to one goal. Writes
+learning.gif.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import common
-import matplotlib.pyplot as plt
 import numpy as np
 from common import RESULTS, env, evaluate, fallen, pick, robot_model, share, values
 
@@ -39,11 +40,10 @@ def walked(sim, policies, sets, opponents, first=POOLED_FIRST, **settings):
     """
     planners, rows = opponents | policies, []  # by name, or by seed
     for far, push in KINDS:
-        with common.world(sim, push=push, **settings) as world:
-            walks = {
-                key: common.walks(planner, world, far, sets, first)
-                for key, planner in planners.items()
-            }
+        world = common.world(sim, push=push, **settings)
+        walks = {
+            key: common.walks(planner, world, far, sets, first) for key, planner in planners.items()
+        }
         for key, ended in walks.items():
             name, seed = (key, None) if key in opponents else ("policy", key)
             row = common.row_of(ended, name, far, seed=seed, push=push)
@@ -83,18 +83,18 @@ def study_distances(args):
     way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
     goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
     rows = []
-    with common.world(args.sim, num_robots=len(far)) as world:
-        least = least_time(goals, world)
-        for name, planner in planners.items():
-            world.noise = name != EXACT
-            ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, POOLED_FIRST))
-            reached = ended["outcome"] == "success"
-            for distance in DISTANCES:
-                here = far == distance
-                own = {key: value[here] for key, value in ended.items()}
-                row = common.row_of(own, name, distance=distance)
-                row["least"] = least[here & reached].mean()
-                rows.append(row)
+    world = common.world(args.sim, num_robots=len(far))
+    least = least_time(goals, world)
+    for name, planner in planners.items():
+        world.noise = name != EXACT
+        ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, POOLED_FIRST))
+        reached = ended["outcome"] == "success"
+        for distance in DISTANCES:
+            here = far == distance
+            own = {key: value[here] for key, value in ended.items()}
+            row = common.row_of(own, name, distance=distance)
+            row["least"] = least[here & reached].mean()
+            rows.append(row)
     return {"goals": GOALS, "rows": rows}
 
 
@@ -103,10 +103,9 @@ def study_all(args):
     that answers nothing.
     """
     found = walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
-    nothing = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}
-    walk = replace(common.walk_engine.TUNED[args.sim], **nothing)
-    with common.world(args.sim, walk=walk) as world:
-        ended = common.walks(evaluate.BaselinePlanner(), world, first=POOLED_FIRST)
+    walk = replace(common.walk_engine.TUNED[args.sim], **common.NO_ANSWERS)
+    world = common.world(args.sim, walk=walk)
+    ended = common.walks(evaluate.BaselinePlanner(), world, first=POOLED_FIRST)
     found["rows"].append(common.row_of(ended, common.OPEN_LOOP, seed=None, push=0.0))
     return found
 
@@ -117,22 +116,20 @@ def study_pooled(args):
     return {"first_seed": POOLED_FIRST, **found}
 
 
-FILM = {
-    "before training": "policy.start.pt",
-    "after a tenth of it": "policy.tenth.pt",
-    "at the end": "policy.pt",
-}
-
-
 def study_film(args):
-    """Films the shipped policy before, during and after its training: learning.gif."""
-    trials, walks = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0), {}
-    with common.world(args.sim, num_robots=1, noise=False, cores=1) as world:
-        for title, file in FILM.items():
-            planner = common.policy(RESULTS / args.sim / file, args.sim)
-            walks[title] = next(evaluate.record(planner, world, trials))
-    common.plot_race(robot_model.RobotModel(), walks, args.out.parent / "learning.gif", every=20)
-    return {title: walk["ending"] for title, walk in walks.items()}
+    """Films the policies of some files on their way to one goal: learning.gif."""
+    if not args.film:
+        return print("the film is left out: --film FILES")
+    trials = evaluate.Trials(evaluate.FIGURE_GOALS[:1], 0)
+    walks = {
+        path.stem: (
+            common.policy(path, args.sim),
+            common.world(args.sim, num_robots=1, noise=False),
+        )
+        for path in args.film
+    }
+    common.film(walks, trials, args.out.parent / "learning.gif")
+    return {"files": [*walks]}
 
 
 class Watched(env.FootstepWorld):
@@ -166,8 +163,8 @@ def study_estimate(args):
     """Rows, by distance: the root mean square error, and its ratio to what the filter claims."""
     policy, rows = common.shipped(args.sim), []
     for name, settings in FILTERS.items():
-        with common.world(args.sim, Watched, **settings) as world:
-            common.walks(policy, world, far=True)
+        world = common.world(args.sim, Watched, **settings)
+        common.walks(policy, world, far=True)
         squares = np.concatenate(world.seen)  # [K, 7]
         for first, last in zip(RINGS, RINGS[1:]):
             ring = (squares[:, 6] >= first) & (squares[:, 6] < last)
@@ -182,16 +179,16 @@ def study_estimate(args):
 
 def plot_estimate(rows, sim):
     """Draws errors and claimed errors over the distance, a colour for each filter."""
-    figure, panels = plt.subplots(1, 3, figsize=(12, 3.8))
+    figure, panels = common.subplots(1, 3, figsize=(12, 3.8))
     for panel, (name, unit) in zip(panels, AXES.items()):
         for k, title in enumerate(FILTERS):
-            own = pick(rows, filter=title)
-            error, ratio = (values(own, f"{name}_{key}") for key in ("error", "ratio"))
+            error, ratio = (
+                np.array(values(rows, f"{name}_{key}", filter=title)) for key in ("error", "ratio")
+            )
             panel.plot(RINGS[:-1], error, f"C{k}o-", label=f"error ({title})")
-            claimed = np.divide(error, ratio)
-            panel.plot(RINGS[:-1], claimed, f"C{k}x--", label=f"claimed σ ({title})")
-        panel.set(title=name, xlabel="distance of the goal, from [m]", ylim=(0, None))
-        panel.set_ylabel(f"root mean square error [{unit}]")
+            panel.plot(RINGS[:-1], error / ratio, f"C{k}x--", label=f"claimed σ ({title})")
+        label = f"root mean square error [{unit}]"
+        panel.set(title=name, xlabel="distance of the goal, from [m]", ylabel=label, ylim=(0, None))
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     figure.suptitle(f"The estimate of a far goal, on the way to it ({sim})")
     return figure
@@ -200,29 +197,34 @@ def plot_estimate(rows, sim):
 def study_pairs(args):
     """How often, and by how much, the policy is faster than the expert on the same goal; a figure."""
     walks = common.read_trials(RESULTS / args.sim / "trials.csv")
-    figure, panels = plt.subplots(1, 2, figsize=(10, 5))
+    figure, panels = common.subplots(1, 2, figsize=(10, 5))
     rows = []
-    for panel, (far, std) in zip(panels, common.STD.items()):
+    for panel, std in zip(panels, common.STD.values()):
         policy, expert = (walks[name, True, std] for name in ("policy", "expert"))
+        ratio = evaluate.time_ratio(policy, expert)
+        rows.append({"goal_std_m": std, **ratio})
         both = (policy["outcome"] == "success") & (expert["outcome"] == "success")
-        ours, theirs = policy["time"][both], expert["time"][both]
-        rows.append({"goal_std_m": std, **evaluate.time_ratio(policy, expert)})
-        # Times are whole double steps: a small random shift parts points of the same place.
-        shift = np.random.default_rng(0).uniform(-0.2, 0.2, (2, len(ours)))  # [s]
-        panel.plot(theirs + shift[0], ours + shift[1], ".", ms=4, color=common.COLORS["policy"])
-        most = max(ours.max(), theirs.max()) + 0.5
+        times = np.stack([expert["time"][both], policy["time"][both]])  # [s]
+        # They are whole double steps: a small random shift parts points of the same place.
+        shift = np.random.default_rng(0).uniform(-0.2, 0.2, times.shape)
+        panel.plot(*times + shift, ".", ms=4, color=common.COLORS["policy"])
+        most = times.max() + 0.5
         panel.plot([0, most], [0, most], "0.5", lw=1)
-        panel.set(xlim=(0, most), ylim=(0, most), aspect="equal")
-        panel.set(xlabel="time of expert [s]", ylabel="time of the policy [s]")
-        panel.set_title(
-            f"{'far' if far else 'near'} goals: the policy is faster in {share(rows[-1]['faster'])},\n"
-            f"slower in {share(rows[-1]['slower'])} of {len(ours)} walks"
+        panel.set(
+            xlim=(0, most),
+            ylim=(0, most),
+            aspect="equal",
+            xlabel="time of expert [s]",
+            ylabel="time of the policy [s]",
+            title=f"goals σ {std} m: the policy is faster in {share(ratio['faster'])},\n"
+            f"slower in {share(ratio['slower'])} of {ratio['goals']} walks",
         )
     figure.suptitle(f"A point is a goal; below the line the policy is faster ({args.sim})")
     robot_model.save_figure(figure, args.out / "seeds.pairs.png")
     return rows
 
 
+FLAGS = {"film": {"type": Path, "nargs": "+", "help": "policies for learning.gif"}}
 PARTS = {
     "distances": study_distances,
     "pooled": study_pooled,
@@ -247,41 +249,33 @@ END = {
 }
 
 
-def table(found, sim):
-    """Markdown; square brackets: 95 % intervals over goals."""
-    distances = {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2, "least": 2}
-    return common.sections(
-        found,
-        {
-            "distances": distances,
-            "seeds": START | {"seed": 0} | END,
-            "pooled": START | END,
-            "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3, "median": 2}
-            | {"faster": 3, "slower": 3},
-            "estimate": {"filter": 0, "from_m": 1}
-            | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
-        },
-    )
+COLUMNS = {
+    "distances": {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2, "least": 2},
+    "seeds": {**START, "seed": 0, **END},
+    "pooled": START | END,
+    "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3, "median": 2, "faster": 3, "slower": 3},
+    "estimate": {"filter": 0, "from_m": 1}
+    | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
+}
 
 
 def plot(found, sim):
     """Draws time and falls over the distance of the goal, with 95 % intervals."""
-    found = found["distances"]
-    figure, (times, falls) = plt.subplots(1, 2, figsize=(12, 4.2))
+    rows, goals = found["distances"]["rows"], found["distances"]["goals"]
+    figure, (times, falls) = common.subplots(1, 2, figsize=(12, 4.2))
     styles = {"policy": "o-", "expert": "s--", "baseline_tuned": "^:", EXACT: "-"}
     for shift, (name, style) in enumerate(styles.items()):
-        own = pick(found["rows"], planner=name)
-        look = {"color": common.COLORS.get(name, "tab:pink"), "label": name}
-        time, std = (np.array(values(own, key)) for key in ("time_mean", "time_std"))
-        times.errorbar(DISTANCES, time, 1.96 * std / found["goals"] ** 0.5, fmt=style, **look)
-        moved = np.add(DISTANCES, 0.05 * shift)  # so that the intervals do not hide each other
-        fall, bars = common.fall_bars(own)
-        falls.errorbar(moved, 100 * fall, 100 * bars, fmt=style, capsize=3, **look)
+        own = pick(rows, planner=name)
+        look = {"fmt": style, "color": common.COLORS.get(name, "tab:pink"), "label": name}
+        bars = 1.96 * np.array(values(own, "time_std")) / goals**0.5
+        times.errorbar(DISTANCES, values(own, "time_mean"), bars, **look)
+        common.draw_falls(falls, own, "distance", 0.05 * shift, **look)
     least = values(own, "least")
     times.plot(DISTANCES, least, color="0.5", label="least time that the step limits allow")
-    labels = "mean time of the successes [s]", "falls [% of the walks]"
-    for axis, label in zip((times, falls), labels):
-        axis.set(xlabel="distance of the goal [m]", ylabel=label, ylim=(0, None))
+    times.set_ylabel("mean time of the successes [s]")
+    falls.set_ylabel("falls [% of the walks]")
+    for axis in (times, falls):
+        axis.set(xlabel="distance of the goal [m]", ylim=(0, None))
     times.legend()
     figure.suptitle(f"Any direction and yaw, with noise, bars: 95 % intervals ({sim})")
     return figure
@@ -291,14 +285,13 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     parts = "distances", "pooled", "seeds", "estimate"
     distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
-    names = "policy", "baseline_tuned", "expert"
-    times, falls, intervals = (
-        [values(distances["rows"], key, planner=name) for name in names]
-        for key in ("time_mean", "fall", "fall_ci95")
-    )
-    first, many = np.sum(np.argmin(times, 0) == 0), len(times[0])
+    everywhere = [
+        pick(distances["rows"], planner=name) for name in ("policy", "baseline_tuned", "expert")
+    ]
+    times = [values(rows, "time_mean") for rows in everywhere]
+    first, many = np.sum(np.argmin(times, 0) == 0), len(DISTANCES)
     won = f"all of {many}" if first == many else f"{first} of {many}"
-    policy, tuned, by_hand = np.array(times)[:, -1]
+    policy, tuned, by_hand = (rows[-1] for rows in everywhere)  # at 6 m
     near, far, pushed = pooled["rows"]
     (exact,) = pick(distances["rows"], planner=EXACT, distance=2.0)
     (noisy,) = pick(distances["rows"], planner="policy", distance=2.0)
@@ -307,7 +300,9 @@ def found(data):
 
     def compared(push, kind):
         ours, theirs = ({"planner": name, "push": push} for name in ("policy", "expert"))
-        same = common.overlap(*(common.fall_interval(rows, **who) for who in (ours, theirs)))
+        same = common.overlap(
+            *(evaluate.wilson(*common.falls(rows, **who)) for who in (ours, theirs))
+        )
         return (
             f"With the policies of {len(ratios) // 2} trainings the robot fell in "
             f"{fallen(rows, **ours)} {kind}, with `expert` in {fallen(rows, **theirs)}. The 95 % "
@@ -320,15 +315,12 @@ def found(data):
     )
     return {
         "distances": f"From 0 to 6 m, the policy is faster than `baseline_tuned` and `expert` at "
-        f"{won} distances. At 6 m it takes {policy:.1f} s, `baseline_tuned` {tuned:.1f} s and "
-        f"`expert` {by_hand:.1f} s.",
-        "at 6 m": "At 6 m the robot falls in {} of {walks} walks with the policy, in {} with "
-        "`baseline_tuned`, in {} with `expert`. The 95 % intervals of the policy and of `expert` "
-        "{same}.".format(
-            *(share(own[-1], 1) for own in falls),
-            walks=distances["goals"],
-            same=common.overlap(intervals[0][-1], intervals[-1][-1]),
-        ),
+        f"{won} distances. At 6 m it takes {policy['time_mean']:.1f} s, `baseline_tuned` "
+        f"{tuned['time_mean']:.1f} s and `expert` {by_hand['time_mean']:.1f} s.",
+        "at 6 m": f"At 6 m the robot falls in {share(policy['fall'], 1)} of {distances['goals']} walks "
+        f"with the policy, in {share(tuned['fall'], 1)} with `baseline_tuned`, in "
+        f"{share(by_hand['fall'], 1)} with `expert`. The 95 % intervals of the policy and of `expert` "
+        f"{common.overlap(policy['fall_ci95'], by_hand['fall_ci95'])}.",
         "causes": f"To goals at 2 m the step limits alone would allow {exact['least']:.1f} s on "
         f"average. The policy takes {exact['time_mean']:.1f} s without noise and "
         f"{noisy['time_mean']:.1f} s with it: the robot has to start and to stop, and it cannot "

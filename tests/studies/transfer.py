@@ -29,14 +29,15 @@ feet cannot touch each other.
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
-from functools import partial
-from importlib import import_module
 
 import common
+import mujoco
 import numpy as np
 import seeds
 from bullet import BulletSim
 from common import env, evaluate, pick, robot_model, walk_engine
+
+InputError = robot_model.InputError
 
 DURATION = "13 minutes on one core; --bullet 7 minutes more, --urdf 15 minutes more"
 OWN, BULLET = "our model", "PyBullet"
@@ -68,57 +69,36 @@ OPTIONS = "timestep", "cone", "disableflags"
 
 
 # ------------------------------------------------------------------------ the team's model
-def readable(path):
-    """A URDF as MuJoCo can read it: the left leg first, and of all shapes only spheres, the cleats.
-    An InputError if it is not one, or one of a robot with other joints."""
-    try:
-        root = ET.parse(path).getroot()
-    except (OSError, ET.ParseError) as error:
-        raise robot_model.InputError(f"{path}: no URDF ({error})") from error
-    if absent := {*NAMES} - {joint.get("name") for joint in root.iter("joint")}:
-        raise robot_model.InputError(f"{path}: another robot, it has no joint {min(absent)}")
-    for link in root.iter("link"):
-        for part in [*link]:
-            if part.tag != "inertial" and part.find("geometry/sphere") is None:
-                link.remove(part)
-    if root.find("link/*/geometry/sphere") is None:
-        raise robot_model.InputError(f"{path}: no spheres, so nothing touches the floor")
-    root[:] = sorted(root, key=lambda part: part.get("name", "").upper().startswith("R"))
-    text = ET.tostring(root, encoding="unicode")
-    try:
-        import_module("mujoco").MjSpec.from_string(text)
-    except ValueError as error:
-        raise robot_model.InputError(f"{path}: {str(error).splitlines()[0]}") from error
-    return text
-
-
-def team_sim(urdf, mend, sim, num_robots, standing, robot, cores):
-    """N robots of the team, for `simulate`: their bodies with our angles, motors and floor; urdf: of
-    `readable`."""
-    import mujoco
-
+def team_model(urdf, mend, ours):
+    """The team's robot as a MuJoCo model with our angles, and with motors and floor of `ours`, and the
+    indices of its PARTS, see `MujocoSim`. A ValueError if a file does not tell their robot.
+    """
     spec = mujoco.MjSpec.from_string(urdf)
-    spec.worldbody.first_body().add_freejoint()
-    for joint in spec.joints[1:]:
+    if [joint.name for joint in spec.joints if joint.name in NAMES] != NAMES:
+        raise ValueError(f"from the hips down its joints must be {', '.join(NAMES)}")
+    for joint in spec.joints:
         if joint.name not in NAMES:  # an arm or the head: it is held, and part of the torso
             held, turn = np.zeros((2, 4))
             mujoco.mju_axisAngle2Quat(turn, joint.axis, ARMS.get(joint.name, 0))
             mujoco.mju_mulQuat(held, joint.parent.quat, turn)
             joint.parent.quat = held
             spec.delete(joint)
-    for name, sign, zero in zip(NAMES, SIGN, ZERO):
-        joint = spec.joint(name)
-        if mend and name == "RAnkleRoll":
+    for joint, sign, zero in zip(spec.joints, SIGN, ZERO):
+        if mend and joint.name == "RAnkleRoll":
             zero -= MISTAKE
         joint.axis, joint.ref = sign * joint.axis, zero
         joint.range = np.sort(sign * joint.range + zero)
-        spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor = {"target": joint.name, "trntype": mujoco.mjtTrn.mjTRN_JOINT}
+        spec.add_actuator(name=joint.name, **motor)
+    spec.worldbody.first_body().add_freejoint()
     cleats = spec.geoms
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     for k, cleat in enumerate(cleats):
         cleat.name = f"cleat {k}"
         spec.add_pair(geomname1="floor", geomname2=cleat.name, condim=3)
-    model, ours = spec.compile(), robot_model.mujoco_model(robot)
+    model = spec.compile()
+    if not {*model.jnt_bodyid[[6, 12]]} <= {*model.geom_bodyid}:
+        raise ValueError("no spheres, the cleats, under both feet")
     model.geom_contype[:] = model.geom_conaffinity[:] = 0  # only these pairs touch
     for name in OURS:
         getattr(model, name)[:] = getattr(ours, name)
@@ -127,8 +107,39 @@ def team_sim(urdf, mend, sim, num_robots, standing, robot, cores):
     model.pair_friction[:] = ours.pair_friction[0]
     # The bodies with random masses: the torso, and those below our joints but for hip yaw and ankle
     # pitch (hip and foot are two bodies each, and only the mass of the lower one is random).
-    parts = np.delete(model.jnt_bodyid, [1, 5, 7, 11]).tolist()
-    return robot_model.MujocoSim(num_robots, standing, robot, cores, model, parts)
+    return model, np.delete(model.jnt_bodyid, [1, 5, 7, 11])
+
+
+def team_sim(urdf, mend):
+    """The simulator of the team's robots; urdf: of `readable`; mend: without the file's mistake."""
+
+    class TeamSim(robot_model.MujocoSim):
+        def build(self, robot):
+            model, self.PARTS = team_model(urdf, mend, super().build(robot))
+            return model
+
+    return TeamSim
+
+
+def readable(path):
+    """A URDF as MuJoCo can read it: the left leg first, and of all shapes only spheres, the cleats.
+    An InputError if it is not one, or one of another robot."""
+    try:
+        root = ET.parse(path).getroot()
+        if root.find("joint/mimic") is not None:
+            raise ValueError("a joint follows another one (mimic)")
+        for link in root.iter("link"):
+            for part in [*link]:
+                sphere = part.tag == "collision" and part.find("geometry/sphere") is not None
+                if part.tag != "inertial" and not sphere:
+                    link.remove(part)
+        root[:] = sorted(root, key=lambda part: part.get("name", "").upper().startswith("R"))
+        urdf, robot = ET.tostring(root, encoding="unicode"), robot_model.RobotModel()
+        team_sim(urdf, True)(1, robot_model.stance(robot), robot)  # compiles it
+    except (OSError, ET.ParseError, LookupError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(f"{path}: no URDF of the team's robot ({reason})") from error
+    return urdf
 
 
 # ------------------------------------------------------------------------ the study
@@ -136,7 +147,7 @@ def measure(args, cases, walks):
     """Rows of the policy and its best two opponents, see `seeds.walked`, in our model and in each
     case; cases: settings of the world by name."""
     if args.sim != "mujoco" or walks < 1:
-        raise robot_model.InputError("this study needs --mujoco, and --walks from 1 on")
+        raise InputError("this study needs --mujoco, and --walks from 1 on")
     policy, opponents, rows = {None: common.shipped(args.sim)}, common.opponents(args.sim), []
     for case, settings in ({OWN: {}} | cases).items():
         found = seeds.walked(args.sim, policy, 1, opponents, SEED, num_robots=walks, **settings)
@@ -154,7 +165,7 @@ def study_bullet(args):
     """The other engine; a quarter of the walks, because it is slow."""
     if not args.bullet:
         return print("PyBullet is left out: --bullet")
-    return measure(args, {BULLET: {"simulate": BulletSim}}, max(1, args.walks // 4))
+    return measure(args, {BULLET: {"physics": BulletSim}}, max(1, args.walks // 4))
 
 
 def study_urdf(args):
@@ -162,18 +173,18 @@ def study_urdf(args):
     one goal in our model and in theirs: transfer.gif."""
     if not args.urdf:
         return print("the team's model is left out: --urdf PATH, see transfer.py's first lines")
-    published, mended = ({"simulate": partial(team_sim, args.urdf, mend)} for mend in (False, True))
-    cases, walks = {PUBLISHED: published, MENDED: mended}, {}
+    published, mended = ({"physics": team_sim(args.urdf, mend)} for mend in (False, True))
+    cases = {PUBLISHED: published, MENDED: mended}
     rows = measure(
         args,
         cases | {f"{MENDED}, {name}": mended | settings for name, settings in OFF.items()},
         args.walks,
     )
-    for case, settings in ({OWN: {}} | cases).items():
-        with common.world(args.sim, num_robots=1, **settings) as world:
-            trials = evaluate.draw_trials(SEED, 1, far=True)
-            walks[case] = next(evaluate.record(common.shipped(args.sim), world, trials))
-    common.plot_race(robot_model.RobotModel(), walks, args.out / "transfer.gif")
+    walks = {
+        case: (common.shipped(args.sim), common.world(args.sim, num_robots=1, **settings))
+        for case, settings in ({OWN: {}} | cases).items()
+    }
+    common.film(walks, evaluate.draw_trials(SEED, 1, far=True), args.out / "transfer.gif")
     return rows
 
 
@@ -185,10 +196,7 @@ FLAGS = {
 PARTS = {"zeros": study_zeros, "bullet": study_bullet, "urdf": study_urdf}
 
 
-def table(found, sim):
-    """A table for each part."""
-    columns = {"case": 0, **seeds.START, "episodes": 0, **seeds.END}
-    return common.sections(found, dict.fromkeys(PARTS, columns))
+COLUMNS = dict.fromkeys(PARTS, {"case": 0, **seeds.START, "episodes": 0, **seeds.END})
 
 
 def found(data):

@@ -14,9 +14,8 @@ from importlib import import_module
 from pathlib import Path
 
 import common
-import matplotlib.pyplot as plt
 import numpy as np
-from common import env, evaluate, robot_model, share, walk_engine
+from common import env, evaluate, robot_model, share, values, walk_engine
 
 DURATION = "20 seconds; --limits 2 minutes; --tune 20 minutes, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -32,6 +31,7 @@ PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
 FRICTION = (0.4, 0.7, 1.0)  # [-] μ of the speed test
 PLANS = 96  # random ones, to tune the walk
 RANDOM = 1000  # random ones, to measure it
+OURS = robot_model.RobotModel()
 
 
 def speed_plans():
@@ -41,17 +41,17 @@ def speed_plans():
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
 
 
-def random_robots(rng, count, robot=robot_model.RobotModel()):
+def random_robots(rng, count, robot=OURS):
     """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise of
     gyro and tilt at every tick."""
     spread = env.Spread()
     constant = rng.uniform(-spread.gyro, spread.gyro, (count, 1, 2))  # [rad/s] about x and y
 
-    def disturb(disturbance, robots):
+    def disturb(k, disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        noise = rng.normal(size=(2, count, *disturbance.gyro_error.shape[1:]))  # [2, count, T, 2]
-        disturbance.gyro_error[:] = (constant + env.Task().imu_rad_s * noise[0])[robots]
-        disturbance.tilt_error[:] = env.Task().imu_rad * noise[1][robots]
+        noise = rng.normal(size=(2, count, disturbance.imu.shape[1], 2))  # [2, count, T, 2]
+        disturbance.imu[..., 2:] = (constant + env.Task().imu_rad_s * noise[0])[robots]
+        disturbance.imu[..., :2] = env.Task().imu_rad * noise[1][robots]
 
     return spread.draw(rng.spawn(count), robot), disturb
 
@@ -79,16 +79,17 @@ def highest_speed(poses, fall, period):
 
 def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
-    points, turn = robot_model.body_points(robot, torso, joints)
-    ankle = points[..., 2, :]
-    z = turn[..., 2, :]  # [..., 2, 3] by how much a point rises per metre along the foot's x, y, z
-    middle = np.array([1, -1]) * robot.foot_outward  # of the left and of the right sole
-    heights = [
-        x * z[..., 0] + (middle + y) * z[..., 1] - robot.ankle_height * z[..., 2]
-        for x in (-robot.foot_back, robot.foot_front)
-        for y in (-robot.foot_width / 2, robot.foot_width / 2)
-    ]
-    return ankle, ankle[..., 2] + np.min(heights, 0)
+    points, turns = robot_model.body_frames(robot, torso, joints)
+    ankle, up = (
+        points[..., [4, 8], :],
+        turns[..., [4, 8], 2, :],
+    )  # up: the third row of each foot's R
+    ends = -robot.foot_back, robot.foot_front
+    sides = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width
+    left = np.array([[x, y, -robot.ankle_height] for x in ends for y in sides])  # corners [4, 3]
+    corners = np.stack([left, left * [1, -1, 1]])  # [2, 4, 3] seen from the ankles
+    heights = corners @ up[..., None]  # [..., 2, 4, 1]
+    return ankle, ankle[..., 2] + heights[..., 0].min(-1)
 
 
 def clearance_and_slip(engine, motion):
@@ -125,7 +126,7 @@ def off_plan(planned, poses):
     so again), so their sum is larger than that of independent errors.
     """
     error = robot_model.relative(poses[:, :-1], poses[:, 1:]) - planned
-    error[..., 2] = robot_model.wrap(error[..., 2])
+    error[..., 2] = env.wrap(error[..., 2])
     last = error[:, -5:]
     return last.mean((0, 1)), last.sum(1).std(0) / 5**0.5
 
@@ -133,29 +134,19 @@ def off_plan(planned, poses):
 def measure_drift(sim):
     """`off_plan` of random plans within 75 % of the limits: planners seldom ask for more."""
     rng, limits, walk = np.random.default_rng(3000), env.LIMITS[sim], walk_engine.TUNED[sim]
-    low, high = 0.75 * np.array([limits.low, limits.high])
-    plans = rng.uniform(low, high, (RANDOM, len(PATTERN), 2, 3))
+    plans = 0.75 * rng.uniform(limits.low, limits.high, (RANDOM, len(PATTERN), 2, 3))
     trunk = [np.tile([walk.trunk_x_offset, 0, 0], (RANDOM, 1))]  # as planned  [N, 3] each
 
-    def watch(engine, motion):
+    def watch(engine, plan, motion):
         trunk.append(engine.trunk[:, robot_model.GROUND, 0].copy())
 
-    robots = random_robots(rng, RANDOM)
-    poses, _, fall = walk_engine.walk_plans(sim, walk, plans, *robots, watch)
-    stood, trunk = fall == len(PATTERN), np.stack(trunk, 1)  # [N, K + 1, 3]
-    planned = robot_model.relative(trunk[:, :-1], trunk[:, 1:])
-    return off_plan(planned[stood], poses[stood])
+    poses, _, fall = walk_engine.walk_plans(sim, walk, plans, *random_robots(rng, RANDOM), watch)
+    trunk = np.stack(trunk, 1)  # [N, K + 1, 3]
+    stood = fall == len(PATTERN)
+    return off_plan(robot_model.relative(trunk[:, :-1], trunk[:, 1:])[stood], poses[stood])
 
 
-def measure(
-    sim,
-    parameters,
-    seed=0,
-    frictions=FRICTION,
-    count=PLANS,
-    robot=robot_model.RobotModel(),
-    limits=None,
-):
+def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS, robot=OURS, limits=None):
     """How well robots with random bodies walk on random floors; a dict of plain numbers.
 
     speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: per μ and direction, too, walked ÷
@@ -165,7 +156,7 @@ def measure(
     walks [m].
     """
     rng, limits = np.random.default_rng(seed), limits or env.LIMITS[sim]
-    size = robot.thigh_length / robot_model.RobotModel.thigh_length
+    size = robot.thigh_length / OURS.thigh_length
     straight = speed_plans() * [size, size, 1]
     random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
     plans = np.concatenate([*[straight] * len(frictions), random])
@@ -173,7 +164,7 @@ def measure(
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
 
-    def watch(engine, motion):
+    def watch(engine, plan, motion):
         feet.append(clearance_and_slip(engine, motion))
 
     poses, wanted, fall = walk_engine.walk_plans(
@@ -181,14 +172,13 @@ def measure(
     )
     clearance, slip = map(np.concatenate, zip(*feet))
     period, speeds, tracking = walk_engine.WalkEngine(1, parameters, robot).period, [], []
-    for k in range(len(frictions)):
-        rows = slice(k * len(straight), (k + 1) * len(straight))
+    for first in range(0, len(plans) - count, len(straight)):
+        rows = slice(first, first + len(straight))
         speeds.append(highest_speed(poses[rows], fall[rows], period))
-        ratios = {}
+        tracking.append({})
         for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items()):
-            levels = rows.start + i * LEVELS + np.array([LEVELS // 4, LEVELS // 2]) - 1
-            ratios[name] = np.mean(poses[levels, -1, axis] / wanted[levels, -1, axis])
-        tracking.append(ratios)
+            levels = first + i * LEVELS + np.array([LEVELS // 4, LEVELS // 2]) - 1
+            tracking[-1][name] = np.mean(poses[levels, -1, axis] / wanted[levels, -1, axis])
     random_falls = fall[-count:]
     return {
         "speeds": speeds,
@@ -202,7 +192,7 @@ def measure(
 
 def in_words(measured):
     """The worst and the typical of `measure` in a line."""
-    worst = (f"{k} {min(at[k] for at in measured['speeds']):.2f}" for k in DIRECTIONS)
+    worst = (f"{k} {min(values(measured['speeds'], k)):.2f}" for k in DIRECTIONS)
     ratios = [ratio for at in measured["tracking"] for ratio in at.values()]
     clear = " / ".join(f"{1000 * value:.1f}" for value in measured["clearance"])
     return (
@@ -236,20 +226,16 @@ def score(sim, measured):
     random plans − mean |walked ÷ commanded − 1| + median clearance / 8 mm, at most 1. The root
     makes a slow direction count more than a fast one; slip is only printed.
     """
-    real = [name for name in DIRECTIONS if (sim, name) != ("pymunk", "sideways")]  # not simulated
-    worst = [min(at[name] for at in measured["speeds"]) / DIRECTIONS[name][2] for name in real]
-    off = [abs(at[name] - 1) for at in measured["tracking"] for name in real]
+    roots, off = [], []
+    for name, (_, _, required) in DIRECTIONS.items():
+        if (sim, name) != ("pymunk", "sideways"):  # which is not simulated
+            roots.append(np.sqrt(min(values(measured["speeds"], name)) / required))
+            off += [abs(ratio - 1) for ratio in values(measured["tracking"], name)]
     feet = min(measured["clearance"][0] / 0.008, 1)  # more is not rewarded
-    return np.mean(np.sqrt(worst)) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
+    return np.mean(roots) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
 
-def changed(start, names, x):
-    """The WalkParameters `start` with these values [len(names)]."""
-    found = dict(zip(names, x.round(4).tolist()))
-    return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
-
-
-def tune(sim, seed, robot=robot_model.RobotModel(), walk=None, limits=None):
+def tune(sim, seed, robot=OURS, walk=None, limits=None):
     """A search from `walk` (None: TUNED) on, see `common.cross_entropy`. Returns WalkParameters. [5]
     used a tree-structured Parzen estimator.
     """
@@ -257,22 +243,24 @@ def tune(sim, seed, robot=robot_model.RobotModel(), walk=None, limits=None):
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
     # Another robot's lengths differ in proportion to its size; times and angles differ less, and the
     # ranges are wide enough for these, too.
-    size = robot.thigh_length / robot_model.RobotModel.thigh_length
+    size = robot.thigh_length / OURS.thigh_length
     low, high = size * np.array([SEARCH[name] for name in names]).T
 
+    def changed(x):
+        found = dict(zip(names, x.round(4).tolist()))
+        return replace(start, **found | {"half_ticks": round(found["half_ticks"])})
+
     def costs(iteration, drawn):
-        tried = [changed(start, names, x) for x in drawn]
         # In one iteration all candidates walk in the same worlds; `main` takes other ones.
-        seen = [measure(sim, x, iteration, robot=robot, limits=limits) for x in tried]
+        seen = [measure(sim, changed(x), iteration, robot=robot, limits=limits) for x in drawn]
         scores = np.array([score(sim, measured) for measured in seen])
         print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}")
-        print(f"{in_words(seen[0])}\n{tried[0]}", flush=True)
+        print(f"{in_words(seen[0])}\n{changed(drawn[0])}", flush=True)
         return -scores
 
     mean = np.array([getattr(start, name) for name in names])
     spread, rng = (high - low) / 10, np.random.default_rng(seed)
-    best = common.cross_entropy(costs, mean, spread, SIZES, rng, low, high, stays=0.5)
-    return changed(start, names, best)
+    return changed(common.cross_entropy(costs, mean, spread, SIZES, rng, low, high, stays=0.5))
 
 
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
@@ -300,9 +288,9 @@ def fall_map(sim, steps):
     """Share of falls [R, C] of random robots; steps [R, C, 2, 2, 3]: three times the first double
     step, then five times the second one, varied by ± 5 %.
     """
-    plans, rng = steps[:, :, [0, 0, 0, 1, 1, 1, 1, 1]], np.random.default_rng(0)
-    plans = plans.reshape(-1, 8, 2, 3).repeat(REPEATS, 0)  # [R · C · REPEATS, 8, 2, 3]
-    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))
+    rng = np.random.default_rng(0)
+    plans = steps[:, :, [0, 0, 0, 1, 1, 1, 1, 1]].reshape(-1, 8, 2, 3).repeat(REPEATS, 0)
+    plans = plans * rng.uniform(0.95, 1.05, (len(plans), 1, 1, 3))  # [R · C · REPEATS, 8, 2, 3]
     robots = random_robots(rng, len(plans))
     _, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, *robots)
     return (fall < 8).reshape(*steps.shape[:2], REPEATS).mean(-1)
@@ -315,8 +303,8 @@ def cells(steps, xs, others):
 
 def allowed(steps, limits):
     """Which double steps [..., 2, 2, 3] of a map an action can reach, all four footsteps."""
-    low, high = np.array(limits.low) - 1e-9, np.array(limits.high) + 1e-9
-    return ((steps >= low) & (steps <= high)).all((-3, -2, -1))
+    beyond = np.abs(steps - np.clip(steps, limits.low, limits.high))
+    return (beyond < 1e-9).all((-3, -2, -1))
 
 
 def study_limits(args):
@@ -324,31 +312,27 @@ def study_limits(args):
     found = {}
     for title, (_, second, steps) in MAPS.items():
         steps = cells(steps, X, second)
-        falls, inside = fall_map(args.sim, steps), allowed(steps, env.LIMITS[args.sim])
+        falls = fall_map(args.sim, steps)
         found[title] = {
-            "fall_inside": round(falls[inside].mean(), 4),
-            "fall_anywhere": round(falls.mean(), 4),
+            "fall_inside": falls[allowed(steps, env.LIMITS[args.sim])].mean(),
+            "fall_anywhere": falls.mean(),
             "falls": falls.tolist(),
         }
     measured = measure(args.sim, walk_engine.TUNED[args.sim], frictions=(), count=RANDOM)
-    return found | {
-        "stood": measured["stood"],
-        "clearance": np.round(measured["clearance"], 5).tolist(),
-        "slip": round(measured["slip"], 5),
-    }
+    return found | {key: measured[key] for key in ("stood", "clearance", "slip")}
 
 
 PARTS = {"limits": study_limits}
 
 
-def table(found, sim):
+def table(found):
     """What --limits has found."""
     found = found["limits"]
     rows = [{"map": title, **found[title]} for title in MAPS]
-    falls = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
     clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
     return (
-        f"{falls}\nRobots that walk a random plan within the limits without a fall: "
+        common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
+        + "\nRobots that walk a random plan within the limits without a fall: "
         f"{100 * found['stood']:.1f} % of {RANDOM:,}. Clearance of the feet: {clearance:.1f} mm "
         f"(median), {lowest:.1f} mm (5 %). Slip of the support foot: {slip:.1f} mm.\n"
     )
@@ -356,13 +340,12 @@ def table(found, sim):
 
 def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
-    limits, found = env.LIMITS[sim], found["limits"]
-    figure, axes = plt.subplots(1, 3, figsize=(14, 4.4))
+    figure, axes = common.subplots(1, 3, figsize=(14, 4.4))
     for axis, (title, (label, second, steps)) in zip(axes, MAPS.items()):
-        falls = found[title]["falls"]
+        falls = found["limits"][title]["falls"]
         image = axis.pcolormesh(X, second, falls, cmap="magma_r", vmin=0, vmax=1)
         fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
-        inside = allowed(cells(steps, fine, other), limits)
+        inside = allowed(cells(steps, fine, other), env.LIMITS[sim])
         axis.contour(fine, other, inside, [0.5], colors="tab:cyan", linewidths=2)
         axis.grid(False)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
@@ -380,10 +363,8 @@ def main(argv=None):
         tune={"action": "store_true", "help": "optimise the walk parameters"},
         robot={"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
     )
-    if args.robot:
-        print(tune(args.sim, args.seed, **evaluate.names_in(args.robot)))
-    elif args.tune:
-        print(tune(args.sim, args.seed))
+    if args.robot or args.tune:
+        print(tune(args.sim, args.seed, **evaluate.load_robot(args.robot) if args.robot else {}))
     elif args.limits:
         common.publish(study, "limits", args)
     else:

@@ -24,10 +24,12 @@ HARMLESS = {  # so many mistakes that compute the same, or that nobody should as
     "wrap: instead of Add": 1,  # half a turn ahead, or back
     "fallen: instead of cos": 1,  # sin 45° = cos 45°
     "leg_inverse: instead of 0": 1,  # a roll leaves the x axis where it is
-    "leg_inverse: instead of 1": 1,  # no knee folds so far
     "leg_inverse: exchanged in a row": 1,  # y² + z²
-    "to_action: instead of 1": 1,  # a width of 0 is replaced later
-    "_swing: instead of 0": 2,  # an acceleration of 1 m/s² where the height turns
+    "leg_inverse: without minimum": 1,  # a long r: the cosine is clipped, too
+    "leg_inverse: left of Pow alone": 1,
+    "leg_inverse: right of Pow alone": 1,
+    "to_action: instead of 1e-09": 1,  # no limits are closer than 0.1, but equal ones
+    "_swing: instead of 1": 1,  # the time is at most 1
     "_swing: writes into what is given": 1,  # the engine does not use it any more
     "_knot: instead of Mult": 1,  # by a sign
     "reward_terms: exchanged in Sub": 1,  # squared
@@ -69,7 +71,7 @@ def in_call(call, variables):
     # np.clip(x, …) is of a module, x.clamp(…) is of an array
     of_array = owner and (not isinstance(owner, ast.Name) or owner.id in variables)
     first = function.value if of_array else args[0] if args else None
-    if first and name not in SAME:
+    if first and name not in SAME and not isinstance(first, ast.Starred):
         yield f"without {name}", first
     if of_array and args:
         yield f"{name} over everything", changed(call, args=[])

@@ -35,15 +35,16 @@ def text_of(exercise):
     return sheet.find(BOOK[exercise].file).read_text("utf-8")
 
 
-def written(file):
-    """The cases of right.py or of wrong.py."""
-    for node in ast.parse(Path(__file__).with_name(file).read_text("utf-8")).body:
+def written():
+    """The cases of right.py and of wrong.py."""
+    texts = [Path(__file__).with_name(file).read_text("utf-8") for file in ("right.py", "wrong.py")]
+    for node in ast.parse("".join(texts)).body:
         if isinstance(node, ast.FunctionDef) and node.name in PLACE:
             row, _ = PLACE[node.name]
-            marks = [[ast.literal_eval(text) for text in mark.args] for mark in node.decorator_list]
+            marks = [[text.value for text in mark.args] for mark in node.decorator_list]
             node.decorator_list = []
-            for mistake, words in marks or [(ast.get_docstring(node), "")]:
-                yield Case(row.name, {node.name: ast.unparse(node)}, mistake, words)
+            for mistake, *words in marks or [[ast.get_docstring(node)]]:
+                yield Case(row.name, {node.name: ast.unparse(node)}, mistake, "".join(words))
 
 
 def by_rule():

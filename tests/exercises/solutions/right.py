@@ -43,41 +43,45 @@ def fallen(torso, standing_height):
     return np.logical_or(torso[..., 2] < standing_height / 2, np.degrees(tilt) > 45)
 
 
-def leg_points(robot, joints):
-    """The rotations one behind the other."""
-    joints = np.asarray(joints)
-    zero = np.zeros(joints.shape[:-1])
-    down = np.array([0.0, 0.0, -1.0])
-    turn = rotation(zero, zero, joints[..., 0]) @ rotation(joints[..., 1], zero, zero)
-    hip = robot.hip_x * turn[..., 0]
-    turn = turn @ rotation(zero, joints[..., 2], zero)
-    knee = hip + turn @ (robot.thigh_length * down)
-    turn = turn @ rotation(zero, joints[..., 3], zero)
-    ankle = knee + turn @ (robot.shin_length * down)
-    turn = turn @ rotation(zero, joints[..., 4], zero) @ rotation(joints[..., 5], zero, zero)
-    heel = ankle + turn @ [-robot.foot_back, 0, -robot.ankle_height]
-    toe = ankle + turn @ [robot.foot_front, 0, -robot.ankle_height]
-    return (np.stack([hip, knee, ankle, heel, toe], axis=-2), turn)
+def body_frames(robot, torso, joints):
+    """Link by link along each chain."""
+    origins, turns = [torso[..., :3]], [rotation(*np.moveaxis(torso[..., 3:], -1, 0))]
+    angles, zero = np.moveaxis(joints, -1, 0), 0 * joints[..., 0]
+    for hip, leg in zip(robot.hips, (angles[:6], angles[6:])):
+        yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
+        chain = {
+            (*hip,): rotation(zero, zero, yaw) @ rotation(roll, zero, zero),
+            (robot.hip_x, 0, 0): rotation(zero, pitch, zero),
+            (0, 0, -robot.thigh_length): rotation(zero, knee, zero),
+            (0, 0, -robot.shin_length): rotation(ankle_roll, ankle_pitch, zero),
+        }
+        place, turn = origins[0], turns[0]
+        for away, further in chain.items():
+            place, turn = place + turn @ away, turn @ further
+            origins.append(place)
+            turns.append(turn)
+    return np.stack(origins, -2), np.stack(turns, -3)
 
 
-def leg_points(robot, joints):
-    """Leg by leg."""
-    joints = np.asarray(joints, float)
-    points, turns = (np.zeros((*joints.shape[:-1], 5, 3)), np.zeros((*joints.shape[:-1], 3, 3)))
+def body_frames(robot, torso, joints):
+    """Robot by robot, by homogeneous matrices."""
+
+    def frame(x, y, z, roll=0, pitch=0, yaw=0):
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = rotation(roll, pitch, yaw), (x, y, z)
+        return matrix
+
+    frames = np.zeros((*joints.shape[:-1], 9, 4, 4))
     for i in np.ndindex(joints.shape[:-1]):
-        yaw, roll, *pitches, ankle_roll = joints[i]
-        hip = rotation(roll, 0.0, yaw)
-        thigh, shin, flat = (hip @ rotation(0.0, a, 0.0) for a in np.cumsum(pitches))
-        foot = flat @ rotation(ankle_roll, 0.0, 0.0)
-        leg = points[i]  # [5, 3]
-        leg[0] = hip @ np.array([robot.hip_x, 0, 0])
-        leg[1] = leg[0] + thigh @ np.array([0, 0, -robot.thigh_length])
-        leg[2] = leg[1] + shin @ np.array([0, 0, -robot.shin_length])
-        below = leg[2] - foot[:, 2] * robot.ankle_height
-        leg[3] = below - foot[:, 0] * robot.foot_back
-        leg[4] = below + foot[:, 0] * robot.foot_front
-        turns[i] = foot
-    return (points, turns)
+        frames[i][0] = frame(*torso[i])
+        for side, leg in (1, joints[i][:6]), (-1, joints[i][6:]):
+            yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
+            hip = frames[i][0] @ frame(0, side * robot.hip_y, robot.hip_z, roll, 0, yaw)
+            thigh = hip @ frame(robot.hip_x, 0, 0, 0, pitch)
+            shin = thigh @ frame(0, 0, -robot.thigh_length, 0, knee)
+            foot = shin @ frame(0, 0, -robot.shin_length, ankle_roll, ankle_pitch)
+            frames[i][[1, 2, 3, 4] if side > 0 else [5, 6, 7, 8]] = hip, thigh, shin, foot
+    return frames[..., :3, 3], frames[..., :3, :3]
 
 
 def leg_inverse(robot, position, foot_turn):
@@ -161,29 +165,32 @@ def waiting_pace(over, p):
     return np.select([pace > 1, pace < 0], [1.0, 0.0], pace)
 
 
-def feedback(self, robot, rows, at, angular_velocity):
+def reflex(self, at, angular_velocity):
     """By einsum."""
-    lean = self.trunk[rows[:, None], at][..., 3:5]
-    planned = (lean[:, -1] - lean[:, 0]) / ((at.shape[1] - 1) * robot.control_dt)
-    rate = angular_velocity - planned
-    gain = self.reflex_gain[rows[:, None], np.minimum(at[:, :-1], self.reflex_gain.shape[1] - 1)]
-    turn = np.einsum("ntf,na->ntfa", gain, rate)
-    added = np.zeros((*turn.shape[:3], 6))
-    added[..., [5, 4]] = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
-    return added.reshape(*turn.shape[:2], 12)
+    robot, gain = self.engine.robot, self.engine.parameters.reflex
+    _, samples = at
+    lean = self.trunk[at][..., 3:5]
+    planned = (lean[:, -1] - lean[:, 0]) / ((samples.shape[1] - 1) * robot.control_dt)
+    turn = np.clip(gain * (angular_velocity - planned), -REFLEX_LIMIT, REFLEX_LIMIT)
+    stands = 1.0 - self.engine.swinging(samples[:, :-1])
+    added = np.zeros((*stands.shape, 6))
+    added[..., [5, 4]] = np.einsum("ntf,na->ntfa", stands, turn)
+    return added.reshape(*stands.shape[:2], 12)
 
 
-def feedback(self, robot, rows, at, angular_velocity):
+def reflex(self, at, angular_velocity):
     """Row by row, in single precision."""
-    added = np.zeros((*at[:, 1:].shape, 2, 6), np.float32)
-    last = self.reflex_gain.shape[1] - 1
-    for k, (row, samples) in enumerate(zip(rows, at)):
-        lean = self.trunk[row, samples, 3:5]
-        seconds = (len(samples) - 1) * robot.control_dt
+    rows, samples = at
+    added = np.zeros((len(samples), robot_model.READ_EVERY, 12), np.float32)
+    for k, (row, ticks) in enumerate(zip(rows[:, 0], samples)):
+        lean = self.trunk[row, ticks, 3:5]
+        seconds = robot_model.READ_EVERY * self.engine.robot.control_dt
         rate = angular_velocity[k] - (lean[-1] - lean[0]) / seconds
-        gain = self.reflex_gain[row, np.minimum(samples[:-1], last)]
-        added[k, ..., [5, 4]] = np.clip(gain * rate[:, None, None], -REFLEX_LIMIT, REFLEX_LIMIT)
-    return added.reshape(*added.shape[:2], 12)
+        turn = np.clip(self.engine.parameters.reflex * rate, -REFLEX_LIMIT, REFLEX_LIMIT)
+        for tick, sample in enumerate(ticks[:-1]):
+            leg = 6 if sample < self.engine.parameters.half_ticks else 0  # that stands
+            added[k, tick, [leg + 5, leg + 4]] = turn
+    return added
 
 
 def quintic(start, end, duration):
@@ -210,21 +217,6 @@ def quintic(start, end, duration):
     )
     high = miss @ np.linalg.inv(matrix).T
     return np.concatenate([np.stack([p, v, a / 2], -1), high], -1)
-
-
-def _swing(self, start, landing):
-    """Tick by tick."""
-    p, dt = (self.parameters, self.robot.control_dt)
-    wait = p.double_support * self.half
-    T = self.half - wait
-    foot = np.zeros((len(start), p.half_ticks + 1, 4))
-    for k in range(p.half_ticks + 1):
-        tau = min(max((k * dt - wait) / T, 0), 1)
-        share = tau**3 * (10 - 15 * tau + 6 * tau**2)
-        foot[:, k, [0, 1, 3]] = start + share * (landing - start)
-        tau = 2 * min(tau, 1 - tau)
-        foot[:, k, 2] = p.foot_rise * (10 * tau**3 - 15 * tau**4 + 6 * tau**5)
-    return foot
 
 
 def _swing(self, start, landing):
@@ -283,23 +275,6 @@ def _knot(self, support, start, landing):
 
 
 def encode_goal(goal):
-    """X and y by d and β."""
-    d, alpha, beta = polar(goal)
-    x, y = (2 * d * np.cos(beta), 2 * d * np.sin(beta))
-    rows = [
-        np.clip(d, 0, 2),
-        np.clip(x, -1, 1),
-        np.clip(y, -1, 1),
-        np.cos(beta),
-        np.sin(beta),
-        np.cos(alpha),
-        np.sin(alpha),
-        alpha / np.pi,
-    ]
-    return np.concatenate([row[..., None] for row in rows], axis=-1)
-
-
-def encode_goal(goal):
     """Number by number."""
     import math
 
@@ -329,12 +304,6 @@ def to_action(footsteps, limits):
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
 
 
-def to_footsteps(action, limits):
-    """In single precision, as the policy's are."""
-    share = np.asarray(action, np.float32).reshape(*np.shape(action)[:-1], 2, 3)
-    return limits.low + share * np.subtract(limits.high, limits.low)
-
-
 def potentials(goal, near_m):
     """Np.where, exp by a product of the two shares."""
     d, alpha, beta = polar(goal)
@@ -353,18 +322,6 @@ def potentials(goal, near_m):
     return phi
 
 
-def correct(goal, covariance, measured, noise):
-    """(1 − K)·P as it is written, robot by robot, by a linear system."""
-    goal, covariance = goal.copy(), covariance.copy()
-    for i, P in enumerate(covariance):
-        gain = np.linalg.solve(P + np.diag(np.square(noise)), P).T
-        error = measured[i] - goal[i]
-        goal[i] += gain @ [error[0], error[1], wrap(error[2])]
-        covariance[i] = (np.eye(3) - gain) @ P
-    goal[:, 2] = wrap(goal[:, 2])
-    return (goal, covariance)
-
-
 def predict(goal, covariance, motion, drift):
     """Robot by robot: the errors before and those of the double step are sides of one matrix."""
     goal = robot_model.relative(motion, goal)
@@ -378,49 +335,10 @@ def predict(goal, covariance, motion, drift):
 
 
 def clipped_objective(ratio, advantage, clip):
-    """The smallest of a stack."""
-    ends = torch.minimum(torch.maximum(ratio, 1 - clip + 0 * ratio), 1 + clip + 0 * ratio)
-    return torch.stack([ratio * advantage, ends * advantage]).min(0).values
-
-
-def clipped_objective(ratio, advantage, clip):
     """By cases."""
     good = ratio.clamp(max=1 + clip) * advantage
     bad = ratio.clamp(min=1 - clip) * advantage
     return torch.where(advantage > 0, good, bad)
-
-
-def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
-    """Another clamp."""
-    super().__init__()
-    self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
-    self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
-    self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-    mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.001, 0.999)
-    wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)
-    self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
-
-
-def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
-    """By NumPy, w + ln(1 − exp(−w))."""
-    super().__init__()
-    self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
-    self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
-    self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-    m = np.clip(first_action * np.ones(act_dim), 0.01, 0.99)
-    w = (concentration - 2.0) * np.concatenate([m, 1 - m])
-    bias = w + np.log1p(-np.exp(-w))
-    self.actor[-1].bias = nn.Parameter(torch.tensor(bias, dtype=torch.float32))
-
-
-def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
-    """A list that is turned round."""
-    after = torch.where(terminated, torch.zeros_like(next_values), next_values)
-    goes_on = torch.logical_not(torch.logical_or(terminated, truncated)).to(rewards.dtype)
-    found = [torch.zeros_like(rewards[0])]
-    for r, v, w, m in zip(*(x.flip(0) for x in (rewards, values, after, goes_on))):
-        found.append(r + gamma * w - v + gamma * lam * m * found[-1])
-    return torch.stack(found[1:]).flip(0)
 
 
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
@@ -433,70 +351,6 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         last = deltas[t] + gamma * lam * (1.0 - done[t]) * last
         advantages[t] = last
     return advantages
-
-
-def improve(model, optimizer, data, cfg):
-    """Numbers to watch by their definitions."""
-    advantages, targets, old_log_prob = judge(model, data, cfg)
-    obs, action = (data["obs"].flatten(0, 1), data["action"].flatten(0, 1))
-    with torch.no_grad():
-        entropy = model.policy(obs).entropy().mean()
-        error = (targets - model.value(obs)).numpy()
-        unexplained = np.var(error) / np.var(targets.numpy())
-        before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
-    for _ in range(cfg.epochs):
-        for pick in torch.randperm(len(obs)).split(cfg.minibatch):
-            ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
-            a = advantages[pick]
-            a = (a - a.mean()) / (a.std(correction=0) + 1e-08)
-            critic_loss = nn.functional.mse_loss(model.value(obs[pick]), targets[pick])
-            loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss
-            optimizer.zero_grad()
-            loss.backward()
-            nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
-            optimizer.step()
-    with torch.no_grad():
-        log_ratio = model.policy(obs).log_prob(action) - old_log_prob
-        ratio = torch.exp(log_ratio)
-        outside = ((ratio < 1 - cfg.clip) | (ratio > 1 + cfg.clip)).float()
-        return {
-            **before,
-            "clip_fraction": outside.mean().item(),
-            "approx_kl": (log_ratio.exp() - 1 - log_ratio).mean().item(),
-            "value_loss": ((model.value(obs) - targets) ** 2).mean().item(),
-        }
-
-
-def improve(model, optimizer, data, cfg):
-    """Shuffled by NumPy."""
-    advantages, targets, old_log_prob = judge(model, data, cfg)
-    obs, action = (data["obs"].flatten(0, 1), data["action"].flatten(0, 1))
-    with torch.no_grad():
-        entropy = model.policy(obs).entropy().mean()
-        unexplained = (targets - model.value(obs)).var() / targets.var()
-        before = {"entropy": entropy.item(), "explained_variance": 1.0 - unexplained.item()}
-    for _ in range(cfg.epochs):
-        order = np.random.permutation(len(obs))
-        for begin in range(0, len(obs), cfg.minibatch):
-            pick = order[begin : begin + cfg.minibatch]
-            ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
-            a = advantages[pick]
-            a = (a - a.mean()) / (a.std(correction=0) + 1e-08)
-            critic_loss = ((model.value(obs[pick]) - targets[pick]) ** 2).mean()
-            loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss
-            optimizer.zero_grad()
-            loss.backward()
-            nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
-            optimizer.step()
-    with torch.no_grad():
-        log_ratio = model.policy(obs).log_prob(action) - old_log_prob
-        outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()
-        return {
-            **before,
-            "clip_fraction": outside.mean().item(),
-            "approx_kl": (torch.expm1(log_ratio) - log_ratio).mean().item(),
-            "value_loss": nn.functional.mse_loss(model.value(obs), targets).item(),
-        }
 
 
 def low_pass(velocity, command, seconds, time_constant):
@@ -522,18 +376,6 @@ def wilson(count, total, z=1.96):
     middle = (count + z**2 / 2) / (total + z**2)
     width = z * np.sqrt(count * (total - count) / total + z**2 / 4) / (total + z**2)
     return np.clip([middle - width, middle + width], 0, 1)
-
-
-def velocity_command(goal, settings):
-    """In single precision."""
-    d, alpha, beta = env.polar(goal)
-    cos, sin = (np.cos(beta), np.sin(beta))
-    x_max = np.where(cos >= 0, settings.forward, settings.backward)
-    v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / settings.sideways)
-    v = np.minimum(settings.gain * d, v_max)
-    error = np.where(d > settings.far_m, beta, alpha)
-    omega = np.clip(settings.turning_gain * error, -settings.turning, settings.turning)
-    return np.stack([v * cos, v * sin, omega], -1).astype(np.float32)
 
 
 def velocity_command(goal, settings):
@@ -638,25 +480,6 @@ def look_up(value, poses):
     ]
     near, far = ((1 - v) * part[0] + v * part[1], (1 - v) * part[2] + v * part[3])
     return (1 - u) * near + u * far
-
-
-def steps_to_go(moves, task):
-    """By look_up."""
-    axis = CELL * np.arange(-HALF, HALF + 1)
-    yaw, x, y = np.meshgrid(TURN * np.arange(TURNS), axis, axis, indexing="ij")
-    poses = np.stack([x, y, yaw], -1)
-    away = np.abs(robot_model.wrap(yaw))
-    goal = (np.hypot(x, y) <= task.success_m + 1e-09) & (away <= task.success_rad + 1e-09)
-    value = np.where(goal, 0.0, FAR)
-    after = [robot_model.compose(poses, np.broadcast_to(move, poses.shape)) for move in moves]
-    outside = [(np.abs(p[..., :2]) > CELL * HALF + 1e-09).any(-1) for p in after]
-    while True:
-        old, value = (value, np.full_like(value, FAR))
-        for p, out in zip(after, outside):
-            value = np.minimum(value, 1 + np.where(out, FAR, look_up(old, p)))
-        value = np.where(goal, 0.0, np.minimum(value, FAR))
-        if abs(value - old).max() < 0.01:
-            return value
 
 
 def steps_to_go(moves, task):

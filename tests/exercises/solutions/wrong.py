@@ -1,5 +1,5 @@
 """Wrong solutions of the exercises that no rule of `mutants.py` makes, each with words that the
-grader must say when it rejects it.
+grader must say when it rejects it; and right ones that differ from a wrong one in a line or two.
 
 A function takes the place of that of the same name in its stage, and sees what stands there; and
 `mistake`, one of the lines above it. (All of `improve` and `steps_to_go` are here: they train and
@@ -10,6 +10,11 @@ search, with a mistake by rule perhaps for minutes.)
 
 def wrong(mistake, words):
     """A mark for the reader of this file, `referee.py`."""
+    return lambda function: function
+
+
+def right(mistake):
+    """The same for a way that the grader must accept: it is no mistake."""
     return lambda function: function
 
 
@@ -56,50 +61,64 @@ def fallen(torso, standing_height):
 
 
 # ------------------------------------------------------------------------ stage 2
+@right("tick by tick")
 @wrong("moves by a cubic", "without acceleration")
 def _swing(self, start, landing):
-    p, wait = self.parameters, self.parameters.double_support * self.half
-    swing = self.half - wait
-    t = np.clip(np.arange(p.half_ticks + 1) * self.robot.control_dt - wait, 0, swing)
-    share = 3 * (t / swing) ** 2 - 2 * (t / swing) ** 3  # [ticks]
-    foot = np.zeros((len(start), len(t), 4))
-    foot[..., [0, 1, 3]] = start[:, None] + share[:, None] * (landing - start)[:, None]
-    up = quintic([0, 0, 0], [p.foot_rise, 0, 0], swing / 2)
-    foot[..., 2] = polynomial(up, np.minimum(t, swing - t))
+    p, foot = self.parameters, np.zeros((len(start), self.parameters.half_ticks + 1, 4))
+    for k in range(p.half_ticks + 1):
+        tau = max(0, k / p.half_ticks - p.double_support) / (1 - p.double_support)
+        share = tau**3 * (10 - 15 * tau + 6 * tau**2)
+        if mistake == "moves by a cubic":
+            share = 3 * tau**2 - 2 * tau**3
+        foot[:, k, [0, 1, 3]] = start + share * (landing - start)
+        up = 2 * min(tau, 1 - tau)
+        foot[:, k, 2] = p.foot_rise * (10 * up**3 - 15 * up**4 + 6 * up**5)
     return foot
 
 
 # ------------------------------------------------------------------------ stage 3
+@right("x and y by d and β")
 @wrong("the yaw as it is given", "wrap the angle")
 def encode_goal(goal):
     d, alpha, beta = polar(goal)
-    x, y, yaw = np.moveaxis(goal, -1, 0)
-    near = np.minimum(d, 2), np.clip(2 * x, -1, 1), np.clip(2 * y, -1, 1)
+    near = (
+        np.minimum(d, 2),
+        np.clip(2 * d * np.cos(beta), -1, 1),
+        np.clip(2 * d * np.sin(beta), -1, 1),
+    )
     turns = np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha)
+    yaw = goal[..., 2] if mistake == "the yaw as it is given" else alpha
     return np.stack([*near, *turns, yaw / np.pi], -1)
 
 
+@right("in single precision, as the policy's are")
 @wrong("sorted by axis, not by foot", "first the left foot")
 @wrong("for one robot, no batch", "actions [..., 6], any [...]")
 def to_footsteps(action, limits):
-    if mistake == "for one robot, no batch":
-        share = np.reshape(action, (-1, 2, 3))
-    else:
-        share = np.reshape(action, (*np.shape(action)[:-1], 3, 2)).swapaxes(-1, -2)
+    batch = (-1,) if mistake == "for one robot, no batch" else np.shape(action)[:-1]
+    share = np.reshape(action, (*batch, 2, 3)).astype(np.float32)
+    if mistake == "sorted by axis, not by foot":
+        share = np.reshape(action, (*batch, 3, 2)).swapaxes(-1, -2)
     return limits.low + share * np.subtract(limits.high, limits.low)
 
 
+@right("(1 − K)·P as it is written, robot by robot, by a linear system")
 @wrong("every number for itself", "belong together")
 def correct(goal, covariance, measured, noise):
-    R, P = np.diag(np.square(noise)), covariance * np.eye(3)
-    gain, error = P @ np.linalg.inv(P + R), measured - goal
-    error[:, 2] = wrap(error[:, 2])
-    goal = goal + (gain @ error[..., None])[..., 0]
+    goal, covariance = goal.copy(), covariance.copy()
+    for i, P in enumerate(covariance):
+        if mistake == "every number for itself":
+            P = P * np.eye(3)
+        gain = np.linalg.solve(P + np.diag(np.square(noise)), P).T
+        error = measured[i] - goal[i]
+        goal[i] += gain @ [error[0], error[1], wrap(error[2])]
+        covariance[i] = (np.eye(3) - gain) @ P
     goal[:, 2] = wrap(goal[:, 2])
-    return goal, gain @ R
+    return goal, covariance
 
 
 # ------------------------------------------------------------------------ stage 4
+@right("the smallest of a stack")
 @wrong("to be minimised", "a minus too many")
 @wrong("clips the product", "take the minimum")
 @wrong("clips the advantage", "take the minimum")
@@ -111,7 +130,7 @@ def clipped_objective(ratio, advantage, clip):
     if mistake == "always 0.2":
         clip = 0.2
     low, high, plain = 1 - clip, 1 + clip, ratio * advantage
-    least = torch.min(plain, ratio.clamp(low, high) * advantage)
+    least = torch.stack([plain, ratio.clamp(low, high) * advantage]).min(0).values
     return {
         "to be minimised": -least,
         "clips the product": plain.clamp(low, high),
@@ -122,6 +141,8 @@ def clipped_objective(ratio, advantage, clip):
     }.get(mistake, least)
 
 
+@right("another clamp")
+@right("by NumPy, w + ln(1 − exp(−w))")
 @wrong("α, β, α, β", "all α and then all β")
 @wrong("α = m·c puts the mean there", "m·(c−2)")
 @wrong("of the critic", "doesn't match")
@@ -130,7 +151,10 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
     self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}
     self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
     self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-    mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
+    least = 0.001 if mistake == "another clamp" else 0.01
+    mode = (
+        torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(least, 1 - least)
+    )
     wanted = torch.cat([mode, 1 - mode]) * (concentration - 2)
     if mistake == "α, β, α, β":
         wanted = torch.stack([mode, 1 - mode], -1).flatten() * (concentration - 2)
@@ -138,9 +162,13 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
         mode = mode.clamp(0.11, 0.89)
         wanted = torch.cat([mode, 1 - mode]) * concentration - 1
     network = self.critic if mistake == "of the critic" else self.actor
-    network[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
+    bias = torch.log(torch.expm1(wanted))
+    if mistake == "by NumPy, w + ln(1 − exp(−w))":
+        bias = wanted + np.log1p(-np.exp(-wanted.numpy()))
+    network[-1].bias.data.copy_(bias)
 
 
+@right("a list that is turned round")
 @wrong("no bootstrap after a cut-off", "does a fall zero")
 @wrong("the flags of the row before", "does a fall zero")
 @wrong("0·nan", "0·nan is nan")
@@ -164,6 +192,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     return advantages
 
 
+@right("numbers to watch by their definitions")
+@right("shuffled by NumPy")
 @wrong("no normalisation", "divide by std")
 @wrong("no c_V", "value_coef")
 @wrong("the sign of the objective", "the sign of the objective is wrong")
@@ -186,12 +216,14 @@ def improve(model, optimizer, data, cfg):
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean().item()
-        unexplained = (targets - model.value(obs)).var() / targets.var()
+        unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
     once = torch.randperm(len(obs))
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
             advantages, targets, old_log_prob = judge(model, data, cfg)
         order = torch.randperm(len(obs))
+        if mistake == "shuffled by NumPy":
+            order = torch.from_numpy(np.random.permutation(len(obs)))
         order = {"never shuffled": order.sort()[0], "shuffled once": once}.get(mistake, order)
         picks = order.split(cfg.minibatch)
         if mistake == "most samples are not used":
@@ -221,15 +253,17 @@ def improve(model, optimizer, data, cfg):
             optimizer.step()
     with torch.no_grad():
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
-        kl = torch.expm1(log_ratio) - log_ratio
+        ratio = log_ratio.exp()
+        outside = (ratio < 1 - cfg.clip) | (ratio > 1 + cfg.clip)
+        kl = ratio - 1 - log_ratio
         if mistake == "the entropy after the update":
             entropy = model.policy(obs).entropy().mean().item()
         return {
             "entropy": entropy,
-            "explained_variance": 1 - unexplained.item(),
-            "clip_fraction": ((log_ratio.exp() - 1).abs() > cfg.clip).float().mean().item(),
+            "explained_variance": 1 - float(unexplained),
+            "clip_fraction": outside.float().mean().item(),
             "approx_kl": (log_ratio if "KL" in mistake else kl).mean().item(),
-            "value_loss": nn.functional.mse_loss(model.value(obs), targets).item(),
+            "value_loss": ((model.value(obs) - targets) ** 2).mean().item(),
         }
 
 
@@ -249,6 +283,7 @@ def wilson(count, total, z=1.96):
     return [p - margin, p + margin]
 
 
+@right("in single precision")
 @wrong("β near the goal, too", "turn to α")
 @wrong("the yaw as given", "10° to the right")
 @wrong("each axis on its own", "a box")
@@ -271,7 +306,7 @@ def velocity_command(goal, settings):
     if mistake == "each axis on its own":
         v_x = np.clip(settings.gain * d * cos, -back, front)
         v_y = np.clip(settings.gain * d * sin, -side, side)
-    return np.stack([v_x, v_y, omega], -1)
+    return np.stack([v_x, v_y, omega], -1).astype(np.float32)
 
 
 @wrong("both feet step outward", "sideways: one foot takes it all")
@@ -353,6 +388,7 @@ def look_up(value, poses):
     return total
 
 
+@right("by look_up")
 @wrong("comes back on the other side of the map", "The map ends at its edge")
 @wrong("only the goal's own cell", "within 5 cm it has arrived")
 @wrong("the maximum over the moves", "V[yaw, x, y]")

@@ -7,7 +7,7 @@ Trains 16,000 double steps with the settings of the 3-D robot and evaluates 200 
 
 import sys
 import tempfile
-from contextlib import closing
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -21,26 +21,24 @@ robot_model, env, ppo, evaluate = map(
 
 
 class IdealSim(robot_model.Simulator):
-    """N robots that do what they are told; `state` is where the torso is: x, y [m], yaw [rad]."""
+    """N robots that do what they are told."""
 
-    def __init__(self, sim, num_robots, standing, robot, cores):
-        super().__init__(num_robots, standing, robot)
-        self.state = np.zeros((num_robots, 3))
+    def place(self, robots):
+        pass
 
-    def place(self, robots, body):
-        self.state[robots] = 0
-
-    def run(self, robots, plan, disturbance=None):
-        trunk, torso = plan.trunk[..., robot_model.GROUND], plan.trunk[:, 1:].copy()
-        moved = robot_model.relative(trunk[:, :1], trunk[:, 1:])
-        torso[..., robot_model.GROUND] = robot_model.compose(self.state[robots, None], moved)
-        self.state[robots] = torso[:, -1, robot_model.GROUND]
-        n, ticks, _ = torso.shape
-        still, fell = np.zeros((n, 3)), np.zeros(n, bool)
-        return robot_model.Motion(torso, plan.joints[:, 1:], still, fell, np.full(n, ticks))
+    def advance(self, robots, targets, push, trunk):
+        ground = robot_model.GROUND
+        moved = robot_model.relative(trunk[:, :1, ground], trunk[:, 1:, ground])
+        state = np.zeros((*push.shape[:2], 21))
+        state[..., :6], state[..., 6:18] = trunk[:, 1:], targets[:, :, 0]
+        state[..., ground] = robot_model.compose(self.state[robots][:, None, ground], moved)
+        return state
 
 
-IDEAL = {"sim": "mujoco", "noise": True, "simulate": IdealSim, "drift": (0.001, 0.001, 0.001)}
+robot_model.SIMULATORS["mujoco"] = IdealSim
+# Robots that never lean need no answer to a lean.
+WALK = replace(env.walk_engine.TUNED["mujoco"], reflex=0.0, capture=0.0, wait=0.0)
+IDEAL = {"sim": "mujoco", "noise": True, "walk": WALK, "drift": (0.001, 0.001, 0.001)}
 
 
 def main():
@@ -48,12 +46,12 @@ def main():
     make_envs = partial(env.FootstepVectorEnv, staggered=True, **IDEAL)
     with tempfile.TemporaryDirectory() as folder:
         model, _ = ppo.train(ppo.PPOConfig(), make_envs, Path(folder), 16_000)
-    with closing(env.FootstepWorld(200, **IDEAL)) as world:
-        for planner in evaluate.PolicyPlanner(model), evaluate.BaselinePlanner():
-            ended = evaluate.evaluate(planner, world, evaluate.draw_trials(0, 200))
-            success = ended["outcome"] == "success"
-            seconds = ended["time"][success].mean()
-            print(f"{type(planner).__name__}: {success.mean():.0%} arrive, in {seconds:.1f} s")
+    world = env.FootstepWorld(200, **IDEAL)
+    for planner in evaluate.PolicyPlanner(model), evaluate.BaselinePlanner():
+        ended = evaluate.evaluate(planner, world, evaluate.draw_trials(0, 200))
+        success = ended["outcome"] == "success"
+        seconds = ended["time"][success].mean()
+        print(f"{type(planner).__name__}: {success.mean():.0%} arrive, in {seconds:.1f} s")
 
 
 if __name__ == "__main__":

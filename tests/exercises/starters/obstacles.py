@@ -23,7 +23,7 @@ if __name__ == "__main__":
             goals = 1
             world.set_goal(robots, WAY[1:])
             view = world.look(robots)
-        result = world.step(model.decide(view.observation[:, :20]), robots)
+        result = world.step(model.decide(view.observation), robots)
         nearest = min(nearest, np.hypot(*(world.pose[0, :2] - DISC[:2])) - DISC[2])
         if result["fall"] or goals and result["success"]:
             break
