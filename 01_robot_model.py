@@ -7,8 +7,9 @@ have the paper's numbers. `tests/exercises/ledger.md` lists what the paper says.
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
-101 robots stand for a second. Then each of them leans forward to an angle of its own, between 0.25
-and 0.35 rad. The lean takes eight simulated seconds, and is slow at the beginning and at the end.
+101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
+own, between 0.25 and 0.35 rad. This takes eight simulated seconds, slow at the beginning and the
+end.
 Then the robot waits for three seconds. `runs/<sim>/01_robot.png` shows the robot that fell at the
 smallest lean. The program takes 4 seconds. Nothing in it is random, so `--seed` changes nothing.
 
@@ -18,9 +19,9 @@ ahead of the ankle axes and 0.4104 m above them. The toes are 0.108 m ahead of t
 angle must the rest turn, so that the centre of mass of the whole robot is above the toes? The
 planar robot falls at 0.002 rad less than your pencil says, because it must also brake the lean. In
 3-D the motor of a joint is a spring: its torque is 300 N m for each rad between target and angle.
-Two ankles share the load. By how much do they give way, and does that help or hurt? (Ignore dry
-friction: in so slow a motion it only delays the motor.) (Answers: `tests/exercises/predict.md`,
-lean.)
+Two ankles share the load. By how many rad does the weight turn each of them past its target? Does
+the robot then fall at a smaller or at a larger lean? (Ignore dry friction: in so slow a motion it
+only delays the motor.) (Answers: `tests/exercises/predict.md`, lean.)
 
 How to read this file: read down to the line of equals signs, "the end of a first reading". Below it
 are the control loop, two kinds of physics, the drawing, and the command line and files.
@@ -151,7 +152,7 @@ class RobotModel:
 
     @property
     def hips(self):
-        """Both hips in the trunk's frame, [2, 3] [m]."""
+        """Both hips in the torso's frame, [2, 3] [m]."""
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
 
 
@@ -183,8 +184,8 @@ class Body:
 
 
 class Trajectory:
-    """The commands for n robots in T control ticks. Sample k is the target after k ticks. Sample 0
-    repeats the last target of the trajectory before."""
+    """The commands for n robots in T control ticks. Sample t is the target after t ticks. Sample 0
+    repeats the last target of the trajectory before, or the stance."""
 
     def __init__(self, joints, trunk, wait=0):
         self.joints = joints  # [n, T + 1, 12] joint targets [rad]
@@ -197,9 +198,9 @@ class Trajectory:
     def targets(self, rows, tick, imu):
         """The commands for the next READ_EVERY ticks, for these rows [k] of the plan's robots.
 
-        Returns samples of the joint targets [k, READ_EVERY + 1, 12] and of the trunk
-        [k, READ_EVERY + 1, 6], the first of them for now, and what is added to the joint targets
-        [k, READ_EVERY, 12]. Here nothing is added (open loop). The plans of stage 2 answer what is
+        With R = READ_EVERY: returns samples of the joint targets [k, R + 1, 12] and of the trunk
+        [k, R + 1, 6], one for now and one for the end of each tick, and what is added to the joint
+        targets [k, R, 12]. Here nothing is added (open loop). The plans of stage 2 answer what is
         measured (closed loop).
 
         imu [k, 4]: the torso's roll and pitch [rad], and its rates about its x and y axes [rad/s],
@@ -312,16 +313,16 @@ def leg_inverse(robot, position, foot_turn):
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
     ankle out of reach is moved along r, see below, only as far as needed. Finally the angles are
     clipped to the joint limits. The function is meant for feet below their hips that tilt by
-    less than half a turn. For other feet it may return angles that do not make their pose.
+    less than about a radian. For other feet it may return angles that do not make their pose.
 
          o hip pitch    Let r run from the ankle to the axis of hip pitch. Thigh, shin and r form a
           \              triangle, in the plane in which the leg bends. Hip pitch, knee and ankle
            o knee        pitch turn about the normal of this plane, so they cannot move r out of
-          /              it. The hip, hip_x behind this axis, lies in this plane, too.
-         o__ ankle
+          /              it. The hip, where the axes of yaw and roll cross, is hip_x behind the
+         o__ ankle       axis of hip pitch, in this plane, too.
 
-    1. The ankle's roll turns about the foot's x axis, and so moves r out of this plane. It is the
-       angle that brings the hip, seen in the foot's frame, into the plane of x and z.
+    1. Only the ankle's roll tilts this plane against the foot. So undo it first: it is the angle
+       that brings the hip, seen in the foot's frame, into the plane of x and z.
     2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches.
     3. The length of r gives the knee (law of cosines).
     4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
@@ -349,8 +350,8 @@ def leg_inverse(robot, position, foot_turn):
     rx, ry, rz = np.moveaxis(hip + robot.hip_x * ahead, -1, 0)  # r
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive. A longer
-    # r is cut to a straight leg, a shorter one to the most that the knee bends. (1: by rounding the
-    # cosine of a straight leg may be larger.)
+    # r is cut to a straight leg, a shorter one to the most that the knee bends. (Rounding could
+    # push its cosine above 1.)
     square = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
     cos_knee = (square - thigh**2 - shin**2) / (2 * thigh * shin)
     knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
@@ -398,7 +399,7 @@ def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_o
 
 
 def fallen(torso, standing_height):
-    """Which poses are falls (Bestmann 2022), [...] bool: the torso [..., 6] is below half its
+    """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
     standing height, or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))

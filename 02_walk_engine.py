@@ -13,10 +13,10 @@ they are off.
 Prints, for four walks of eight double steps, where the robot was commanded to end and where it
 ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
 1.2 cm of the command, after 1.24 m. The 3-D robot misses it by up to 0.13 m and 0.19 rad, and a
-planner has to correct this. The cause is that its motors are springs, which give way under the
-load: in 02_plan.png the swing foot rises less than planned, and the torso is left of its plan. The
-robot is symmetric, but its walk is not, as the left foot always swings first. (With a `stiffness`
-of 3000 instead of 300 the robot drifts to the other side.)
+planner has to correct this. Its motors are springs, which give way under the load: in 02_plan.png
+the swing foot rises less than planned, and the torso is left of its plan. (A symmetric robot can
+drift, because its left foot always swings first. With a `stiffness` of 3000 instead of 300 it
+drifts to the other side.)
 
 `python tests/studies/walk.py` measures how fast and how well the robot walks on other floors and
 with other bodies, and tunes the walk. Nothing is random here, so `--seed` changes nothing.
@@ -24,9 +24,9 @@ with other bodies, and tunes the walk. Nothing is random here, so `--seed` chang
 Then the stage pushes twelve walking robots forward, in each of three runs, each robot at another
 moment of the double step. They walk without any answer (in open loop), then with the reflex, then
 with all three answers (in this test the planar robot has them, too). Guess first: how many of the
-twelve fall each time, in 3-D and on the plane? (Answers: `tests/exercises/predict.md`, capture.) A
-push of 0.8 m/s is a force for 50 ms. The force would give the torso alone this speed. It gives the
-whole robot 0.57 of this speed, as the torso has 0.57 of the mass.
+twelve fall each time, in 3-D and on the plane? (Answers: `tests/exercises/predict.md`, capture.)
+Each push lasts for 50 ms, and would give the torso alone 0.8 m/s. It gives the whole robot 0.57 of
+this speed, as the torso has 0.57 of the mass.
 
 A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
 where the swing foot lands. (0, 0, 0) is the swing foot's usual place: beside the other foot, at
@@ -84,15 +84,15 @@ class WalkParameters:
     foot_distance: float  # [m] between the ankles when standing
     foot_rise: float  # [m] apex of the swing foot
     trunk_height: float  # [m] torso frame above the soles
-    trunk_phase: float  # [single steps] by which the trunk is late; between −0.5 and 0.5
+    trunk_phase: float  # [single steps] by which the trunk is late (< 0: early); −0.5 to 0.5
     trunk_pitch: float  # [rad] forward lean
     trunk_swing: float  # [-] share of the distance from the middle to the support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     pitch_per_step: float  # [rad/m] lean added per metre by which a single step moves the middle
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
-    # How a double step answers the torso's lean; ours. With capture = wait = 0 only the reflex is
-    # left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
+    # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
+    # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
     usual_lean: float = 0.04  # [rad] a lean that comes from walking alone: not answered
     fade: float = 0.03  # [-] share of a standing foot's answer lost per reading, every two ticks
@@ -286,8 +286,8 @@ class WalkEngine:
             later = time >= begin  # the next spline overwrites what is beyond its knot
             path[..., later] = polynomial(spline, time[later] - begin)
             state = knot
-        # The double step ends within the last spline, which leads from `begin` to knot 3. The next
-        # double step begins in the state there.
+        # After the loop `spline` and `begin` are those of knot 3. The double step ends within this
+        # spline; the next double step begins in the state there.
         state = [polynomial(spline, self.period - begin, order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
