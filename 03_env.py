@@ -642,8 +642,8 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         world.reset(self.robots, rngs, **(options or {}))
         if self.staggered:  # else all time-outs of an untrained policy would come at once
             usual = world.engine.period_ticks
-            most = max(1, world.max_ticks // usual)
-            world.allowed -= self.np_random.integers(most, size=self.num_envs) * usual
+            less = self.np_random.integers(world.max_ticks // usual, size=self.num_envs)
+            world.allowed -= less * usual
         return world.look(self.robots).observation, {}
 
     def walk(self, actions):
@@ -794,7 +794,7 @@ def main():
     print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
-        bar = tqdm(range(steps), name, unit=" double steps", leave=False)
+        bar = tqdm(range(steps), name, leave=False)
         # (Without noise a look more changes nothing.)
         infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
