@@ -450,7 +450,7 @@ def main():
     axes.axvline(robot.foot_front, color="black", ls=":")
     axes.set_title(
         f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
-        "dots: centre of mass; dotted line: the toes, as they stood"
+        "blue, orange: left, right leg; dots: centre of mass; dotted line: toes, at first"
     )
     save_figure(axes.figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
@@ -1010,7 +1010,12 @@ def save_figure(figure, path):
     atomic_write(path, lambda file: figure.savefig(file, dpi=110))
 
 
-STYLE = {"axes.grid": True, "grid.alpha": 0.3, "figure.constrained_layout.use": True}
+STYLE = {
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "figure.constrained_layout.use": True,
+    "axes.formatter.min_exponent": 3,  # 40, not 4 × 10¹, on a logarithmic axis
+}
 
 
 def start(main):

@@ -216,6 +216,13 @@ class WalkEngine:
         left = compose(right, steps[:, LEFT])
         return left, compose(left, steps[:, RIGHT])
 
+    def moves_on(self, robots):
+        """How far the trunk still goes if the next double step is in place, seen from it [n, 3]: the
+        left foot closes up beside the right one, and the middle of the feet moves. See stage 3."""
+        left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
+        closed, _ = self.landings(right, np.zeros((1, 2, 3)))
+        return robot_model.relative((left + right) / 2, (closed + right) / 2)
+
     def plan(self, footsteps, robots):
         """The WalkPlan of the next double step of these robots [n].
 
@@ -293,16 +300,18 @@ class WalkEngine:
         return path.swapaxes(1, 2)
 
     def _swing(self, start, landing):
-        """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw): it stands, rises, and lands."""
+        """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw) of a single step. In its first part,
+        `double_support` of it, the foot stands. Then x, y and yaw go to the landing, each along one
+        quintic from rest to rest. z rises in the first half of this swing, by `foot_rise`, along a
+        quintic, too; in the second half it goes back along the same curve.
+        """
         p = self.parameters
-        # Of the swing: 0 until the foot leaves the floor, 1 when it lands  [half_ticks + 1]
-        time = np.linspace(0, 1, p.half_ticks + 1)
+        time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step, then of the swing
         time = np.clip((time - p.double_support) / (1 - p.double_support), 0, 1)
         smooth = quintic([0, 0, 0], [1, 0, 0], 1)  # from 0 to 1, from rest to rest
         share = polynomial(smooth, time)[:, None]
         foot = np.zeros((len(start), len(time), 4))
         foot[..., [0, 1, 3]] = start[:, None] + share * (landing - start)[:, None]
-        # The foot rises in the first half. The descent is the rise, reversed in time.
         foot[..., 2] = p.foot_rise * polynomial(smooth, 2 * np.minimum(time, 1 - time))
         return foot
 
@@ -332,7 +341,7 @@ def capture_step(error, over, swings, old, p):
     h·e, to where it was planned.
     """
     e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
-    # y = h·e; a positive roll leans to the right, so this moves the landing to the left
+    # y = h·e moves the landing to the left. (A positive roll leans to the right.)
     return_y = p.trunk_height * e[:, 0] * (over > 0)  # [n]
     wanted = np.column_stack([return_y, e])[:, None]  # [n, 1, 3]
     # The tilt is noisy, so a swing foot moves half of the distance at every reading. The answer of
@@ -567,7 +576,7 @@ def plot_walks(poses, commanded, path, title):
         axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", width=0.003, scale=25)
     axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
-    axis.margins(0.1)
+    axis.margins(0.15)  # the arrows need it
     axis.legend()
     robot_model.save_figure(axis.figure, path)
 

@@ -80,7 +80,7 @@ class Task:
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.1  # [-] continuity
-    s_fall: float = 10.0  # [-] cost of a fall; ours
+    s_fall: float = 20.0  # [-] cost of a fall; ours
     s_goal: float = 1.5  # [-] bonus for having arrived; ours
     s_stay: float = 1.0  # [-] bonus for arriving near the middle, see `margin_at_rest`; ours
     s_time: float = 0.04  # [-] cost of time, per usual double step; ours
@@ -131,8 +131,9 @@ LIMITS = {
 }
 
 # How far a double step ends from its plan, standard deviation in m, m, rad: the process noise of
-# the filter. As `python tests/studies/walk.py` prints it, with and without --mujoco.
-DRIFT = {"pymunk": (0.0102, 0.004, 0.0), "mujoco": (0.0137, 0.0136, 0.0791)}
+# the filter. As `python tests/studies/walk.py` prints it, with and without --mujoco. It is larger
+# than the error of a single double step, as equal double steps in a row err alike.
+DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
 
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
@@ -234,17 +235,13 @@ def potentials(goal, near_m):
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
-def margin_at_rest(after, footsteps, task):
+def margin_at_rest(after, moves_on, task):
     """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge.
 
-    after [n, 3]: the goal seen from the robot after the footsteps [n, 2, 3]. The margin is negative
-    outside of the tolerance. To come to rest the left foot closes up beside the right one. Then the
-    middle of the feet, and the trunk with it, moves on by half of the right footstep. (If this
-    footstep turns by r, the middle also moves ahead by w/2·sin r, w: foot_distance. The margin
-    neglects this: 2.7 cm at 0.3 rad.)
+    after [n, 3]: the goal seen from the robot after a double step; moves_on [n, 3]: see `WalkEngine`
+    of stage 2. The margin is negative outside of the tolerance.
     """
-    rest = robot_model.relative(footsteps[:, 1] * [1, -1, -1] / 2, after)  # the goal as seen then
-    d, alpha, _ = polar(rest)
+    d, alpha, _ = polar(robot_model.relative(moves_on, after))  # of the goal as seen at rest
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
 
 
@@ -299,16 +296,15 @@ def predict(goal, covariance, motion, drift):
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
-    # The robot has turned, so what it sees turns back. So does the error of x and y: J = Rz(−turn)
-    J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3]
+    # The robot has turned, so what it sees turns back, and so does the error of x and y.
+    J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3] Rz(−turn)
     # Let the double step end a small e = (e_x, e_y, e_yaw) away from its plan, as seen from there.
     # This moves a goal at (x, y) by −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned
     # turn moves it to the side.
     G = np.tile(np.eye(3), (len(goal), 1, 1))  # [n, 3, 3]
     G[:, 0, 2], G[:, 1, 2] = -y, x
-    # P ← J·P·Jᵀ + G·D·Gᵀ,  D: the squares of drift on the diagonal
-    D = np.diag(np.square(drift))
-    return goal, J @ covariance @ J.swapaxes(1, 2) + G @ D @ G.swapaxes(1, 2)
+    D = np.diag(np.square(drift))  # [3, 3] covariance of e
+    return goal, J @ covariance @ J.swapaxes(1, 2) + G @ D @ G.swapaxes(1, 2)  # J·P·Jᵀ + G·D·Gᵀ
 
 
 def correct(goal, covariance, measured, noise):
@@ -317,14 +313,14 @@ def correct(goal, covariance, measured, noise):
     # Mix prediction and measurement, goal + K·(measured − goal). For one number with independent
     # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where
     # its derivative −2·(1 − K)·V + 2·K·R is 0: K = V / (V + R), and V ← (1 − K)·V = K·R.
-    # For three numbers the same with matrices:   K = P·(P + R)⁻¹,   P ← K·R
+    # For three numbers the same holds with matrices.
     R = np.diag(np.square(noise))
-    gain = covariance @ np.linalg.inv(covariance + R)  # [n, 3, 3]
+    gain = covariance @ np.linalg.inv(covariance + R)  # [n, 3, 3] K = P·(P + R)⁻¹
     error = measured - goal
     error[:, 2] = wrap(error[:, 2])
     goal = goal + (gain @ error[..., None])[..., 0]
     goal[:, 2] = wrap(goal[:, 2])
-    return goal, gain @ R
+    return goal, gain @ R  # P ← K·R
 
 
 # ==================================================================== the end of a first reading
@@ -376,7 +372,7 @@ class FootstepWorld:
         if sim not in robot_model.SIMULATORS:
             raise ValueError(f"sim must be one of {[*robot_model.SIMULATORS]}, not {sim!r}")
         self.limits = limits or LIMITS[sim]
-        self.drift = DRIFT[sim] if drift is None else drift
+        self.drift = drift or DRIFT[sim]
         self.sim = sim
         self.noise = noise
         self.push = push
@@ -545,7 +541,7 @@ class FootstepWorld:
         success = inside & self.was_inside[robots]  # twice in a row
         self.was_inside[robots] = inside
         periods = motion.ticks / self.engine.period_ticks
-        margin = margin_at_rest(after, footsteps, task)
+        margin = margin_at_rest(after, self.engine.moves_on(robots), task)
         terms = reward_terms(before, after, actions, last, fall, success, task, periods, margin)
         return {
             "success": success,
@@ -754,7 +750,7 @@ def plot_rewards(episode, errors, path):
     for term, values in episode.items():
         curves.plot(np.append(0, values.cumsum()), label=term)
     curves.set(
-        title="One episode of the hand-written planner",
+        title="An episode (r_d: distance, r_a: angle, r_o: orientation, r_c: changes)",
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )

@@ -36,9 +36,9 @@ with respect to these. First for one decision (for continuous actions Σ is an i
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
   A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-An episode is many decisions. Its probability is a product, so its logarithm is a sum: of all
-ln π(a_t|s_t), and of terms of the world, which do not depend on our parameters. So the gradients of
-its decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. Two details: the rewards before a decision do
+An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t, a_t).
+So the logarithm is a sum, and the terms of the world, ln p, do not depend on our parameters. The
+gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. Two details: the rewards before a decision do
 not depend on its action, so they drop out like b. And strictly, the gradient of decision t has the
 factor γᵗ. Nearly everybody leaves it out, since with it late decisions would hardly be learned.
 Following this gradient makes good actions more likely and bad ones less.
@@ -50,20 +50,21 @@ A cut-off and a fall both end an episode, but they do not mean the same. After a
 there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
 goal. After a cut-off (truncated: the time is up) the world would have gone on; only our recording
 stopped. The critic does not see the time. So a 0 there would lower V wherever the time may be up,
-as if a robot that walks well were about to fall. So the missing sum is replaced by V of the
-LAST observation of that episode ("bootstrapping"). The first observation of the next episode must
-not be used. Where a rollout ends within an episode, the missing sum is replaced by V of the
-observation that follows.
+as if a robot that walks well were about to fall. So the sum of the rewards that
+were not recorded is replaced by V of the LAST observation of that episode ("bootstrapping"). The
+first observation of the next episode must not be used. Where a rollout ends within an episode, this
+sum is replaced by V of the observation that follows.
 
 In learning_curve.png successes should rise, time-outs and times of successes should fall. Falls are
 rare from the start, as the most likely action of the first policy is to step on the spot. The first
 episode of each robot is cut off after a random time, so that not all robots run out of time at
 once. The shortest of these episodes end first, and have collected few negative rewards. So the
 curve of the return begins too high, and sinks at first. The entropy, which says how random the
-policy is, falls also because we make the policy narrower (see `ActorCritic`). The clip fraction and
-the KL say how much a rollout changes the policy; they should fall. The explained variance says how
-much of the differences between the critic's targets V has predicted. It stays low here: the
-observation tells little of what a walk will return.
+policy is, falls: the policy learns to be narrow. The clip fraction and the KL say how much a
+rollout changes the policy; they fall at the end, with the learning rate. The explained variance
+says how much of the differences between the critic's targets V has predicted. It stays low here:
+even the true goal tells little of what a walk will return (*A critic that sees the truth* in
+`tests/exercises/projects.md`).
 
 How to read this file: read down to the line of equals signs. Below it are `train`, which keeps the
 files of a training, the picture, and the command line.
@@ -79,7 +80,6 @@ Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback
 import argparse
 import json
 import math
-import time
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -107,7 +107,7 @@ class PPOConfig:
     rollout: int = 16  # T, double steps of each robot in an update, `collect` (n_steps) [own]
     epochs: int = 10  # how often `improve` uses every sample (n_epochs) [8]
     minibatch: int = 512  # samples in a gradient step of `improve` (batch_size) [own]
-    learning_rate: float = 1e-3  # of Adam at the start; it falls linearly to 0 in `learn` [own]
+    learning_rate: float = 3e-3  # of Adam at the start; it falls linearly to 0 in `learn` [own]
     gamma: float = 0.95  # γ, discount per double step, `gae`: 20 ahead counts 0.95²⁰ = 0.36 [own]
     lam: float = 0.95  # λ, from 0 to 1: trust in sampled returns, `gae` (gae_lambda) [8]
     clip: float = 0.2  # ε of `clipped_objective` (clip_range) [7]
@@ -115,13 +115,12 @@ class PPOConfig:
     max_grad_norm: float = 0.5  # `improve` scales longer gradients down to this [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer of `mlp` [P]
     first_concentration: float = 10.0  # c = α+β of the first policy; large: little noise [own]
-    sharpest: float = 6.0  # k at the end of `learn`, see `ActorCritic`: the policy is narrow [own]
 
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
     """Linear layers with tanh between them. The first weights are random as in [8]: a matrix with
-    orthogonal rows or columns of length √2."""
+    orthogonal rows or columns, whichever are fewer, of length √2."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
         linear = nn.Linear(inputs, outputs, dtype=torch.float32)
@@ -136,15 +135,11 @@ class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
-    hump, as α, β > 1 (not the angles of stage 3). Training uses sampled actions, evaluation uses
-    the mean. A narrow distribution makes the two similar. So it is made narrower during training:
-    its density is raised to a power k, the sharpness, which grows from 1 to 6. (In the field's
-    words k is an inverse temperature.)
-        p(x)^k ∝ x^(k·(α−1))·(1−x)^(k·(β−1))   is a Beta distribution again, with the same mode;
-        its parameters are 1 + k·(α−1) and 1 + k·(β−1).
+    hump, as α, β > 1. The actor's outputs say where its top is, the
+    mode m, and how narrow it is, the concentration c = α + β. Training uses sampled actions,
+    evaluation the mode, as in the paper.
+        m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)
     """
-
-    sharpness = 1.0  # k; no weight: `learn` sets it, and it is stored beside the weights
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
@@ -152,12 +147,13 @@ class ActorCritic(nn.Module):
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
         # The first policy. The last weights are small, so it depends on the bias and hardly on the
-        # observation. So we invert `policy` for the bias. The mode m = (α − 1) / (c − 2) should be
-        # first_action, with the concentration c = α+β:  α − 1 = m·(c − 2),  β − 1 = (1 − m)·(c − 2)
+        # observation. So we invert `policy` for the bias: the mode should be first_action, a
+        # number or [act_dim], kept within 0.01 … 0.99.
+        # m = 1 / (1 + e⁻ˣ) (sigmoid), so x = ln(m / (1 − m)) (logit);
+        # c − 2 = ln(1 + eˣ) (softplus), so x = ln(e^(c − 2) − 1)
         mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
-        wanted = torch.cat([mode, 1.0 - mode]) * (concentration - 2.0)  # first all α, then all β
-        # softplus(x) = ln(1 + eˣ), so softplus⁻¹(w) = ln(eʷ − 1)
-        self.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
+        narrow = torch.full_like(mode, concentration - 2.0)
+        self.actor[-1].bias.data = torch.cat([mode.logit(), narrow.expm1().log()])
 
     def value(self, obs):
         """The critic's V(s): [..., obs] -> [...]."""
@@ -165,8 +161,9 @@ class ActorCritic(nn.Module):
 
     def policy(self, obs):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
-        raw = nn.functional.softplus(self.actor(obs)).clamp(1e-6, 1e3)  # no overflow
-        alpha, beta = (1.0 + self.sharpness * raw).chunk(2, dim=-1)
+        mode, narrow = self.actor(obs).chunk(2, dim=-1)
+        mode, narrow = mode.sigmoid(), nn.functional.softplus(narrow).clamp(1e-3, 1e3)  # m, c − 2
+        alpha, beta = 1.0 + narrow * mode, 1.0 + narrow * (1.0 - mode)
         # 1: log π(a|s) is the sum over the last axis, the variables of an action
         return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
 
@@ -177,10 +174,9 @@ class ActorCritic(nn.Module):
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
     def decide(self, obs):
-        """The action without exploring: the mean. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
+        """The action without exploring: the mode. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
         with torch.no_grad():
-            # α / (α + β); the paper takes the mode, see `tests/studies/ablations.py`
-            return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mean.numpy()
+            return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mode.numpy()
 
 
 # ------------------------------------------------------------------------ one update of PPO
@@ -230,14 +226,12 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     λ between 0 (the first row) and 1 (the last one) lets later errors fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
     """
-    # δ_t = r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
-    deltas = rewards + gamma * after - values
-    # A_t = δ_t + γ·λ·A_{t+1} within one episode: the sum stops at a fall AND at a cut-off
-    goes_on = ~(terminated | truncated)
+    deltas = rewards + gamma * after - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
+    goes_on = ~(terminated | truncated)  # the sum stops at a fall AND at a cut-off
     advantages = torch.empty_like(rewards)
     next_advantage = torch.zeros_like(rewards[0])  # [N] A_{t+1}
-    for t in reversed(range(len(rewards))):
+    for t in reversed(range(len(rewards))):  # A_t = δ_t + γ·λ·A_{t+1} within one episode
         next_advantage = deltas[t] + gamma * lam * (goes_on[t] * next_advantage)
         advantages[t] = next_advantage
     return advantages
@@ -332,8 +326,6 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
         numbers = improve(model, optimizer, data, cfg)  # (2), (3)
         if not math.isfinite(numbers.get("value_loss", 0)):
             raise InputError(f"update {update + 1}: the loss is not finite")
-        # The sharpness grows linearly: 1 in the first update, `sharpest` after the last one.
-        model.sharpness = 1.0 + (cfg.sharpest - 1.0) * ((update + 1) / updates)
         yield {**numbers, **episode_means(infos), "learning_rate": rate}  # (4)
 
 
@@ -385,7 +377,6 @@ def train(
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
     if resume:
         optimizer.load_state_dict(stored["optimizer"])
-    started = time.monotonic() - (60 * rows[-1]["minutes"] if rows else 0)  # [s]
     new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
     torch.manual_seed(new_seed)
     log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
@@ -395,17 +386,16 @@ def train(
             f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
             f"return {numbers['return']:.2f}"
         )
-        minutes = (time.monotonic() - started) / 60
-        rows.append(plain({"steps": (len(rows) + 1) * samples, "minutes": minutes, **numbers}))
+        rows.append(plain({"steps": (len(rows) + 1) * samples, **numbers}))
         adam = optimizer.state_dict()
-        save_policy(checkpoint, model, **about, minutes=minutes, rows=rows, optimizer=adam)
+        save_policy(checkpoint, model, **about, rows=rows, optimizer=adam)
     envs.close()
     table, header = [list(row.values()) for row in rows], ",".join(rows[0])
     robot_model.atomic_write(
         out / "learning_curve.csv",
         lambda file: np.savetxt(file, table, "%.9g", ",", header=header, comments=""),
     )
-    save_policy(out / "policy.pt", model, **about, minutes=minutes)
+    save_policy(out / "policy.pt", model, **about)
     checkpoint.unlink()
     return model, rows
 
@@ -455,13 +445,9 @@ def fingerprint(world):
 
 
 def save_policy(path, model, **about):
-    """Writes the model as it is now, and `about` (plain values, tensors)."""
-    stored = {
-        **about,
-        **model.shape,
-        "sharpness": model.sharpness,
-        "state_dict": model.state_dict(),
-    }
+    """Writes the model as it is now, and `about` (plain values, tensors). The name of the weights
+    says what the actor's outputs mean: a file in which they mean something else is refused."""
+    stored = {**about, **model.shape, "mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
@@ -470,18 +456,17 @@ def load_policy(path, make_model=ActorCritic):
     try:
         stored = torch.load(path, map_location="cpu", weights_only=True)
         model = make_model(stored["obs_dim"], stored["act_dim"], stored["hidden"])
-        model.load_state_dict(stored["state_dict"])
-        model.sharpness = stored["sharpness"]
-        return model, stored
+        model.load_state_dict(stored["mode_and_concentration"])
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except Exception as error:  # torch raises many types, with messages of many lines
-        raise InputError(f"{path}: damaged, or not written by 04_ppo.py") from error
+        raise InputError(f"{path}: damaged, or not written by this 04_ppo.py") from error
+    return model, stored
 
 
 # ------------------------------------------------------------------------ the picture
 PANELS = {  # title and unit: columns
-    "how walks end [share of walks]": "success timeout",
+    "blue: successes, orange: time-outs [share of walks]": "success timeout",
     "falls [share of walks]": "fall",
     "time to the goal [s]": "time",
     "return, not discounted [1]": "return",
@@ -493,21 +478,21 @@ PANELS = {  # title and unit: columns
 
 
 def plot_learning_curve(rows, path, title):
-    """Draws the log: a faint dot for each update, and a running mean over a twentieth of them."""
-    steps = np.array([row["steps"] / 1000 for row in rows])  # [U]
-    width = max(1, len(rows) // 20)
-    figure = robot_model.Figure(figsize=(16, 6.5))
-    grid = figure.subplots(2, 4)
+    """Draws the log: a dot for each update, and a line, the mean over a twentieth of all updates."""
+    steps = np.array([row["steps"] for row in rows])  # [U]
+    width = len(rows) // 20 + 1
+    figure = robot_model.Figure(figsize=(10, 13))
+    grid = figure.subplots(4, 2)
     for axes, (name, columns) in zip(grid.flat, PANELS.items()):
         for k, column in enumerate(columns.split()):
             values = np.array([row.get(column, np.nan) for row in rows])
-            mean = np.convolve(values, np.full(width, 1 / width), "valid")
-            axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}", label=column)
+            mean = np.convolve(values, np.ones(width) / width, "valid")
+            axes.plot(steps[width // 2 :][: len(mean)], mean, f"C{k}")
             axes.plot(steps, values, f"C{k}.", alpha=0.2)
-        axes.set(title=name, xlabel="steps of all robots [thousands]")
-        axes.legend()
+        axes.set(title=name, xlabel="steps of all robots")
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    figure.suptitle(title)
+    grid[1, 0].set_yscale("log")  # of the time
+    figure.suptitle(f"{title}; dots: updates, lines: means of a twentieth of them")
     robot_model.save_figure(figure, path)
 
 

@@ -35,8 +35,10 @@ their limits.
 
 How sure are we? The true rate p is that of infinitely many walks (trials). In n walks we count the
 rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1 − p)/n).
-Of 100 such intervals about 95 contain the truth. A far walk has the floor, the body and the noise
-of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not 1,000
+Of 100 such intervals about 95 contain the truth. Whether two planners differ is another question,
+and their two intervals do not answer it. The planners met the same trials, so we compare trial by
+trial: falls with `mcnemar`, times with `bootstrap`. A far walk has the floor, the body and the
+noise of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not 1,000
 independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
 
 How to read this file: read down to the line of equals signs: trials, statistics, tables. Below it
@@ -158,7 +160,8 @@ def double_step(planner, world, robots, push=(0, 0)):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval of a rate: `count` of `total` trials (Wilson score; has a width also at 0)."""
+    """95 % interval [low, high] of a rate: `count` of `total` trials (Wilson score; it has a width
+    also at 0)."""
     # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
@@ -183,7 +186,6 @@ def time_ratio(trials, reference):
 
     goals                         how many these are; the dict is empty if there is none
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
-    median                        of the ratios goal by goal
     faster, slower                shares of the goals that took less, more than the reference
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
@@ -195,33 +197,46 @@ def time_ratio(trials, reference):
         "time_ratio": ours.mean() / theirs.mean(),
         # In pairs: both planners take long to a far goal, and this cancels in the ratio.
         "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)],
-        "median": np.median(ours / theirs),
         "faster": np.mean(ours < theirs),
         "slower": np.mean(ours > theirs),
     }
 
 
+def mcnemar(ours, theirs):
+    """Compares two planners in the same trials by McNemar's exact test; ours, theirs: bool [n], did
+    it happen in a trial (a fall)? Returns a dict:
+
+    only_ours, only_theirs   trials in which it happened with one of them alone
+    p                        how often chance would divide these as unevenly between equals
+    """
+    one, other = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
+    # Between equals each of these trials is a toss of a coin: P(at most k of n) = Σ C(n, i) / 2ⁿ
+    n, k = one + other, min(one, other)
+    p = 2 * sum(math.comb(n, i) for i in range(k + 1)) / 2**n  # 2: either may have fewer
+    return {"only_ours": one, "only_theirs": other, "p": min(1.0, p)}
+
+
 # ------------------------------------------------------------------------ tables
 def compare(results):
-    """Compares the policy's times with those of every other planner, see `time_ratio`; trials by
+    """Compares the policy with every other planner, see `time_ratio`, `mcnemar`; trials by
     (planner, noise, σ of the goals).
     """
-    ratios = []
+    rows = []
     for (name, noise, std), trials in results.items():
-        ratio = time_ratio(results["policy", noise, std], trials)
+        ours = results["policy", noise, std]
+        ratio = time_ratio(ours, trials)
         if name != "policy" and ratio:
-            row = {"planner": "policy", "noise": noise, "goal_std_m": std, "reference": name}
-            ratios.append(row | ratio)
-    return ratios
+            row = {"reference": name, "noise": noise, "goal_std_m": std}
+            row |= mcnemar(ours["outcome"] == "fall", trials["outcome"] == "fall")
+            rows.append(row | ratio)
+    return rows
 
 
-def summary(planner, noise, std, trials, task):
+def summary(planner, noise, std, trials):
     """One row of the table; std: σ of the goals' x and y [m], None for goals of one's own. nan:
     there was nothing to measure."""
     outcome = trials["outcome"]
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
-    if noise:
-        row |= {"noise_m": task.noise_m, "noise_rad": task.noise_rad}
     for name in OUTCOMES:
         count = int((outcome == name).sum())
         row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
@@ -259,14 +274,15 @@ PAPER = {  # Table II, without and with noise
 """,
 }
 RATIO_HEAD = """
-Mean success time: `policy` ÷ the other planner, over the goals that both reached:
+Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Falls: walks
+in which the robot fell with `policy` alone, with the other planner alone.
 
-| goals   | noise | other          | ratio [95 %]         | median | faster, slower | common goals |
-| ---     | ---   | ---            | ---                  | ---    | ---            | ---          |
+| goals   | noise | other          | time [95 %]          | faster, slower | falls    | p     |
+| ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
 """
 RATIO = (
-    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:.3f}, {3:.3f}] | {median:.3f}  "
-    "| {faster:.3f}, {slower:.3f}   | {goals:12} |\n"
+    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:.3f}, {3:.3f}] "
+    "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
 )
 
 
@@ -308,7 +324,7 @@ class BaselineSettings:
     share: bool = False  # do both feet share a sideways distance, and a turn by their limits? Ours
 
 
-TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-26
+TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-27
     "pymunk": BaselineSettings(
         forward=0.4516,
         backward=0.5084,
@@ -321,14 +337,14 @@ TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/base
         share=True,
     ),
     "mujoco": BaselineSettings(
-        forward=0.4192,
-        backward=0.3711,
-        sideways=0.1965,
-        turning=1.5997,
-        gain=1.0042,
-        turning_gain=0.8246,
-        far_m=0.5153,
-        time_constant=0.2825,
+        forward=0.4237,
+        backward=0.4477,
+        sideways=0.1778,
+        turning=1.8113,
+        gain=1.1469,
+        turning_gain=0.8948,
+        far_m=0.485,
+        time_constant=0.238,
         share=True,
     ),
 }
@@ -500,9 +516,8 @@ def write_trials(path, blocks, results):
 
 
 def load_policy(path, world):
-    """The planner of a policy.pt, and what evaluation.json says of it. Prints what differs from its
-    training. Raises an InputError if it cannot work in this world.
-    """
+    """The planner of a policy.pt. Prints what differs from its training. Raises an InputError if it
+    cannot work in this world."""
     model, about = ppo.load_policy(path)
     fits, here = about.get("fits", {}), ppo.fingerprint(world)
     other = [name for name in here if fits.get(name) != here[name]]
@@ -513,8 +528,7 @@ def load_policy(path, world):
         )
     if other:
         print(f"note: {path.as_posix()} was trained with another {', '.join(other)}")
-    facts = {key: about.get(key) for key in ("steps", "minutes", "seed")}
-    return PolicyPlanner(model), {"file": path.as_posix(), **facts}
+    return PolicyPlanner(model)
 
 
 def names_in(path, **wanted):
@@ -548,26 +562,24 @@ def load_robot(path):
 
 
 def choose_planners(world, policies, files=()):
-    """Planners by row name for these files of policies and of planners, and the facts of the first
-    policy. The first policy is called `policy`, all others like their file; if two would have the
-    same name, the second one is called by its path.
-    """
+    """Planners by row name for these files of policies and of planners. The first policy is called
+    `policy`, all others like their file; if two would have the same name, the second one is called
+    by its path."""
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
         "baseline": BaselinePlanner(),
     }
-    chosen, facts = {}, None
+    chosen = {}
     for path in (*policies, *files):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
             name = path.as_posix()
+        print(f"{name}: {path}")
         if path in files:
             chosen[name] = load_planner(path)
         else:
-            chosen[name], about = load_policy(path, world)
-            facts = facts or about
-            print(f"{name}: {path}, {about['steps']} double steps, seed {about['seed']}")
-    return chosen | baselines, facts
+            chosen[name] = load_policy(path, world)
+    return chosen | baselines
 
 
 # ------------------------------------------------------------------------ pictures
@@ -581,7 +593,9 @@ def plot_footsteps(world, planners, trials, path):
         panel.plot(0, 0, "ro")
         panel.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         panel.margins(0.15)
-    figure.supxlabel("blue, orange: left, right foot; black: torso; red: start; green: goal")
+    figure.supxlabel(
+        "blue, orange: left, right foot; black: torso; red: start; green: goal, its tip: the yaw"
+    )
     robot_model.save_figure(figure, path)
 
 
@@ -664,13 +678,13 @@ def tour(axes, world, planner, push):
                 break
 
 
-def save_film(figure, pictures, path, seconds=0.08):
-    """Films what the figure shows after each of the pictures, for so long [s]."""
+def save_film(figure, pictures, path):
+    """Films what the figure shows after each of the pictures, for 0.08 s (eight ticks)."""
     frames = [robot_model.pixels(figure) for _ in tqdm(pictures, unit=" pictures", leave=False)]
     # All frames share 128 colours: so what stands still is stored once.
     colors = Image.fromarray(np.concatenate(frames[::4])).quantize(128, Image.Quantize.FASTOCTREE)
     first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]
-    film = {"save_all": True, "append_images": others, "duration": 1000 * seconds, "loop": 0}
+    film = {"save_all": True, "append_images": others, "duration": 80, "loop": 0}
     robot_model.atomic_write(path, lambda file: first.save(file, **film))
 
 
@@ -770,7 +784,7 @@ def main(argv=None):
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
     policies = args.policy or [own if own.is_file() else shipped]
     world = make_world(args, len(figure_goals))  # for pictures
-    planners, facts = choose_planners(world, policies, args.planner)
+    planners = choose_planners(world, policies, args.planner)
     shown = [*planners][len(policies)] if args.planner else "policy"
     # In the window and in the film, [m/s]: to the right in the picture; on the plane ahead
     push = robot_model.turned([args.push or 0.6, 0], np.pi / 6 * (not world.engine.planar))
@@ -782,7 +796,7 @@ def main(argv=None):
     # that runs, so only this file may have helpers.)
     alone = args.sim == "mujoco" or __name__ != "__main__" or "__file__" not in globals()
     results = evaluate_all(args, blocks, planners, 0 if alone else robot_model.CORES)
-    rows = [summary(*key, trials, world.task) for key, trials in results.items()]
+    rows = [summary(*key, trials) for key, trials in results.items()]
     ratios = compare(results)
     special = " ".join(
         f"--{name} {value}"
@@ -792,7 +806,7 @@ def main(argv=None):
     text = table(rows, ratios, special)
     print(f"\n{text}")  # before files are written, which may fail
     rows = [{name: None if v != v else v for name, v in row.items()} for row in rows]  # no nan
-    content = vars(args) | {"policy": facts, "rows": rows, "ratios": ratios}
+    content = vars(args) | {"policy": policies, "rows": rows, "ratios": ratios}
     content = json.dumps(content, indent=1, allow_nan=False, default=str) + "\n"
     robot_model.write_text(out / "evaluation.json", content)
     robot_model.write_text(out / "table.md", text)

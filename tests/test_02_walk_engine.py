@@ -39,7 +39,7 @@ def test_quintic_meets_its_six_boundary_conditions():
             for t, want, where in ((0.0, start, "start"), (duration, end, "end")):
                 hint = (
                     f"{where}: position, velocity, acceleration; c₀ comes first; is c₂ = a₀/2? the "
-                    "powers of T?"
+                    "powers of D?"
                 )
                 close([c.deriv(order)(t) for order in range(3)], want[i, k], hint)
 
@@ -306,6 +306,20 @@ def test_feet_land_where_the_footsteps_put_them(sim):
         landed = feet[0, -1][:, [0, 1, 3]]
         close(landed, [left, right], f"left and right foot, double step {k}")
         close(engine.feet[0], landed, "the engine remembers where they are")
+
+
+@BOTH
+def test_moves_on_is_where_the_trunk_goes_when_the_walk_stops(sim):
+    engine, robots = make_engine(sim, 50), np.arange(50)
+    steps = random_footsteps(default_rng(6), 50)
+    engine.plan(steps, robots)
+    before = engine.plan(steps, robots).trunk[:, -1, robot_model.GROUND]
+    moves_on = engine.moves_on(robots)  # [50, 3]
+    for _ in range(3):
+        stopping = engine.plan(np.zeros((50, 2, 3)), robots)
+    want = robot_model.relative(before, stopping.trunk[:, -1, robot_model.GROUND])
+    hint = "the left foot lands beside the right one, where that one's toes point"
+    close(moves_on, want, hint, atol=0.02)  # [m, m, rad] the trunk is not exactly in the middle
 
 
 @BOTH

@@ -114,9 +114,11 @@ def test_clipped_objective_truth_table():
 def model_with(alpha, beta):
     """A model in double precision whose policy is Beta(α, β), two arrays [k], whatever it sees."""
     model = ActorCritic(1, len(alpha)).double()
-    wanted = torch.tensor([*alpha, *beta], dtype=torch.float64) - 1.0
+    above, below = torch.tensor(np.array([alpha, beta], float)) - 1.0  # α − 1, β − 1
     torch.nn.init.zeros_(model.actor[-1].weight)
-    model.actor[-1].bias.data.copy_(torch.log(torch.expm1(wanted)))
+    # outputs: the logit of the mode, ln((α − 1) / (β − 1)); softplus⁻¹ of the concentration − 2
+    bias = torch.cat([torch.log(above / below), torch.log(torch.expm1(above + below))])
+    model.actor[-1].bias.data.copy_(bias)
     return model
 
 
@@ -133,13 +135,11 @@ SHAPES = [(1.2, 1.2), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0)]
 
 @pytest.mark.parametrize("alpha, beta", SHAPES)
 def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
-    x, model = np.array([0.005, 0.35, 0.95]), model_with([alpha], [beta])
-    for model.sharpness in (1.0, 3.5):
-        a, b = (1 + model.sharpness * (number - 1) for number in (alpha, beta))
-        norm = math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b)
-        want = np.exp((a - 1) * np.log(x) + (b - 1) * np.log(1 - x) + norm)
-        hint = "of p^k: 1 + k·(α − 1) and 1 + k·(β − 1), not k·α and k·β"
-        close(density(model, x[:, None]), want, hint, rtol=1e-9)
+    x = np.array([0.005, 0.35, 0.95])
+    norm = math.lgamma(alpha + beta) - math.lgamma(alpha) - math.lgamma(beta)
+    want = np.exp((alpha - 1) * np.log(x) + (beta - 1) * np.log(1 - x) + norm)
+    hint = "α = 1 + (c − 2)·m, β = 1 + (c − 2)·(1 − m)"
+    close(density(model_with([alpha], [beta]), x[:, None]), want, hint, rtol=1e-9)
 
 
 def test_joint_log_prob_is_that_of_independent_numbers():
@@ -150,14 +150,12 @@ def test_joint_log_prob_is_that_of_independent_numbers():
     close(together, np.prod(alone, 0), hint)
 
 
-def test_the_decision_is_the_mean():
-    model = model_with(*zip(*SHAPES)).float()
-    for model.sharpness in (1.0, 3.0):
-        alpha, beta = 1 + model.sharpness * (np.array(SHAPES).T - 1)
-        decided = model.decide(np.zeros((3, 1)))
-        assert decided.shape == (3, 4) and decided.dtype == np.float32
-        mean = alpha / (alpha + beta)
-        close(decided, [mean] * 3, "α/(α+β), not (α−1)/(α+β−2), the mode", atol=1e-5)
+def test_the_decision_is_the_mode():
+    alpha, beta = np.array(SHAPES).T
+    decided = model_with(alpha, beta).float().decide(np.zeros((3, 1)))
+    assert decided.shape == (3, 4) and decided.dtype == np.float32
+    mode = (alpha - 1) / (alpha + beta - 2)
+    close(decided, [mode] * 3, "(α−1)/(α+β−2), not α/(α+β), the mean", atol=1e-5)
 
 
 # of all numbers, or of each
@@ -168,19 +166,18 @@ def test_first_policy_is_around_first_action(first, concentration):
     torch.manual_seed(0)
     model = ActorCritic(4, 3, first_action=first, concentration=concentration)
     assert torch.isfinite(model.actor[-1].bias).all(), (
-        "softplus⁻¹(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
+        "logit(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
     )
     with torch.no_grad():
         pi = model.policy(torch.tensor(obs))
     # Var = m·(1 − m) / (α + β + 1) at the mean m
     total = pi.mean * (1 - pi.mean) / pi.variance - 1
-    hint = "α + β is the parameter `concentration`; softplus⁻¹(w) = ln(eʷ − 1)"
+    hint = (
+        "the bias must be first logit(m) of all variables, then softplus⁻¹(c−2) of all, with "
+        f"softplus⁻¹(w) = ln(eʷ − 1); last weights small (for first_action = {first})"
+    )
     close(total, concentration, hint, rtol=0.05)
     if concentration == 10:
-        hint = (
-            "the bias must be softplus⁻¹(m·(c−2)), first for all α and then all β; last "
-            f"weights small (for first_action = {first})"
-        )
         close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
 
 
@@ -205,14 +202,13 @@ def test_layers_begin_with_orthogonal_rows_or_columns():
 
 def test_samples_have_finite_log_probability_even_for_wild_networks():
     model, obs = ActorCritic(2, 1), torch.zeros(1000, 2)
-    model.sharpness = 4.0
     for raw in itertools.product((-1e4, 1e6, 3e38), repeat=2):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
         pi, x = model.policy(obs), model.sample(obs)
         assert ((x > 9e-7) & (x < 1 - 9e-7)).all(), "keep samples off 0 and 1"
         log_prob = pi.log_prob(x)
         log_prob.sum().backward()
-        for got in (log_prob, pi.entropy(), pi.mean, *(p.grad for p in model.actor.parameters())):
+        for got in (log_prob, pi.entropy(), pi.mode, *(p.grad for p in model.actor.parameters())):
             assert torch.isfinite(got).all(), f"for {raw}: keep α and β within bounds"
 
 
@@ -492,7 +488,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
     class Neutral(Probe):
         neutral_action = [0.3]
 
-    cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0, sharpest=1.0)
+    cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0)
     for world, first in ((Neutral, 0.3), (Probe, 0.5)):  # the neutral action, or else the middle
         model, _ = train(cfg, partial(world, first=zero, play=constant), HERE, 1)
         with torch.no_grad():
@@ -502,19 +498,17 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
         assert model.shape["hidden"] == [8]
 
 
-def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened():
+def test_the_learning_rate_falls_to_zero():
     """By a training with another model and another algorithm, which logs what it likes."""
-    cfg = replace(SMALL, epochs=1, minibatch=128, sharpest=6.0)
-    rates, collecting, learning = [], [], []
+    cfg = replace(SMALL, epochs=1, minibatch=128)
+    rates = []
 
     class Mine(ActorCritic):
-        def sample(self, obs):
-            collecting.append(self.sharpness)
-            return super().sample(obs)
+        """Another model."""
 
     def watched(model, optimizer, data, cfg):
         rates.append(optimizer.param_groups[0]["lr"])
-        learning.append(model.sharpness)
+        assert isinstance(model, Mine)
         return {"loss": np.float32(0.5)}
 
     envs = partial(Probe, first=zero, play=constant)
@@ -523,11 +517,9 @@ def test_learning_rate_falls_to_zero_and_the_policy_is_sharpened():
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
     close(rates, want, "linearly to 0 after the last update, and Adam has to be told")
     close([row["learning_rate"] for row in rows], want)
-    assert rows[0].keys() == {"steps", "minutes", "loss", *EPISODES, "learning_rate"}
+    assert rows[0].keys() == {"steps", "loss", *EPISODES, "learning_rate"}
     assert type(rows[0]["loss"]) is float, "numbers of numpy could not be read from a checkpoint"
     ppo.plot_learning_curve(rows, HERE / "curve.png", "of other columns")
-    close(learning, [1, 2, 3, 4, 5], "linearly up to `sharpest`")
-    close(collecting, np.repeat(learning, cfg.rollout), "collecting alike")
 
 
 QUICK = PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
@@ -562,7 +554,11 @@ def stopped(update, envs=wandering, cfg=QUICK, seed=3, **more):
 def test_a_stopped_training_goes_on_where_its_last_update_ended():
     """Its settings are numbers of numpy, as in a sweep by np.logspace; files hold plain ones."""
     rates, counts = np.logspace(-4, -3, 3), np.arange(9)
-    numbers = {"learning_rate": rates[0], "sharpest": np.float32(4), "hidden": (counts[8],)}
+    numbers = {
+        "learning_rate": rates[0],
+        "first_concentration": np.float32(4),
+        "hidden": (counts[8],),
+    }
     cfg, seed = replace(QUICK, epochs=counts[2], **numbers), counts[3]
     about = {"limits": env.StepLimits(rates, -rates), "push": rates, "noise": np.bool_(True)}
     (HERE / "whole").mkdir()
@@ -575,13 +571,13 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended():
         assert steps == done * 2 * 2, "gradient steps: Adam's state is stored, too"
     model, rows = train(cfg, wandering, HERE, 7 * 64, seed, resume=True, **about)
     assert len(rows) == len(want) == 7, "as many updates as without a stop"
-    for name in rows[0].keys() - {"minutes"}:
+    for name in rows[0]:
         same_until = 7 if name in ("steps", "learning_rate") else 3
         found, expected = ([row[name] for row in log[:same_until]] for log in (rows, want))
         equal(found, expected, name)
     apart = abs(rows[3]["entropy"] - want[3]["entropy"])
     assert 0 < apart < 0.2, "fresh episodes: not bit for bit the same, but the same networks"
-    assert model.sharpness == 4 and not (HERE / "checkpoint.pt").exists()
+    assert not (HERE / "checkpoint.pt").exists()
     _, found = ppo.load_policy(HERE / "policy.pt")
     plain = {"seed": 3, "push": [*rates], "noise": True}
     plain["limits"] = {"low": [*rates], "high": [*-rates]}
@@ -595,7 +591,7 @@ def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
     try:
         train(QUICK, wandering, HERE, 64)
         loaded, _ = ppo.load_policy(HERE / "policy.pt")
-        equal(loaded.decide([[0.3]]), want.decide([[0.3]]), "the same weights, and as sharp")
+        equal(loaded.decide([[0.3]]), want.decide([[0.3]]), "the same weights")
     finally:
         torch.set_default_dtype(torch.float32)
 
@@ -645,11 +641,11 @@ def test_a_refused_training_is_one_line_and_changes_no_file():
 def test_stage_5_can_evaluate_a_training_that_still_runs_and_knows_in_what():
     stopped(2, partial(env.FootstepVectorEnv, task=env.Task(s_c=0.2)), ONE, noise=False)
     path, world = HERE / "checkpoint.pt", env.FootstepWorld(2)
-    planner, facts = import_module("05_evaluate").load_policy(path, world)
-    assert planner.act(world.look([0, 1])).shape == (2, 6) and facts["seed"] == 3
+    planner = import_module("05_evaluate").load_policy(path, world)
+    assert planner.act(world.look([0, 1])).shape == (2, 6)
     _, about = ppo.load_policy(path)
     assert about.items() >= {"seed": 3, "steps": 7 * 64, "noise": False}.items()
-    assert about["minutes"] > 0 and about["config"]["gamma"] == ONE.gamma
+    assert about["config"]["gamma"] == ONE.gamma
     fits = about["fits"]
     assert fits["simulator"] == "pymunk" and len(fits["observation"]) == 20
     assert fits["walk"]["reflex"] == env.walk_engine.TUNED["pymunk"].reflex
@@ -666,6 +662,12 @@ class Foreign:
         return Path.touch, (self.path,)
 
 
+def other_outputs(path):
+    stored = torch.load(path)
+    stored["alpha_and_beta"] = stored.pop("mode_and_concentration")
+    torch.save(stored, path)
+
+
 @pytest.mark.parametrize("damage", [
     lambda path: path.unlink(),
     lambda path: path.write_bytes(path.read_bytes()[:-3]),
@@ -673,12 +675,13 @@ class Foreign:
     lambda path: torch.save([1, 2], path),
     lambda path: torch.save(ActorCritic(5, 2).shape, path),
     lambda path: torch.save(torch.load(path) | {"hidden": (8,)}, path),
-], ids=["missing", "but for its end", "code", "list", "no weights", "other networks"])  # fmt: skip
+    other_outputs,
+], ids=["missing", "its end", "code", "list", "no weights", "networks", "outputs"])  # fmt: skip
 def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
     path = HERE / "bad.pt"
     ppo.save_policy(path, ActorCritic(5, 2))
     damage(path)
-    with pytest.raises(InputError, match=r"\A.*bad\.pt: (no such file|damaged, or not .*)\Z"):
+    with pytest.raises(InputError, match=r"\A.*bad\.pt: (no such|damaged, or) .*\Z"):
         ppo.load_policy(path)
     assert not (HERE / "touched").exists(), "reading a file ran code from inside it"
 

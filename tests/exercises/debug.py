@@ -96,7 +96,9 @@ def judged(file, bug):
         (folder / "tests" / "test_of_mine.py").write_bytes(Path(file).read_bytes())
         code, said = tested(folder)
         if code != 0:
-            sys.exit(f"{said}\nWithout the bug your test must pass, and it does not.")
+            sys.exit(
+                f"{said}\nWithout the bug (undo it first) your test must pass, and it does not."
+            )
         put(bug, folder)
         code, said = tested(folder)
     if code != 1 or "AssertionError" not in said:

@@ -9,11 +9,15 @@ every contest. The world is in this process. A planner is in a process of its ow
 an empty folder; it receives the views and sends back actions, nothing else. (Like every program of
 yours it can still read your other files. So choose seeds that nobody knows, and let strangers' files
 run as another user.) It has --patience seconds for a decision, and half an hour for all of them. A
-file that fails or takes too long is named and left out. After every planner the judge writes
-leaderboard.md and leaderboard.png to runs/contest/. Only --episodes 500 and two seeds, the defaults,
-count. Without a file it prints the table of the planners of README, as shipped in results/.
+file that fails or takes too long is named and left out. A planner takes 3 to 5 minutes on one core.
+After each of them the judge writes leaderboard.md, leaderboard.png and walks.json to runs/contest/. If
+you stop the judge and start it again, it measures only those planners that are not in walks.json with
+the same file, seeds, number of walks and stages. Only --episodes 500 and two seeds, the defaults,
+count.
+Without a file the judge prints the table of the planners of README, as shipped in results/.
 """
 
+import json
 import multiprocessing
 import os
 import shutil
@@ -23,6 +27,8 @@ import threading
 import time
 import traceback
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from contextlib import closing, nullcontext
+from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -32,66 +38,79 @@ sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 import common
 from common import ROOT, env, evaluate, robot_model
 
-FIELD = ("policy", "baseline_tuned")  # they take part in every contest
+# They take part in every contest; with the files that they are read from.
+FIELD = {
+    "policy": ROOT / "results" / "mujoco" / "policy.pt",
+    "baseline_tuned": ROOT / "05_evaluate.py",
+}
 PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
 STAYS = 0.7  # least share of the successes that is still there
+OUT = "disqualified"  # instead of a place
 WALKS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far?, pushes [m/s]; the last does not count
 TOTAL = 1800  # [s] for all decisions of a file
 
 
 # ------------------------------------------------------------------------ points
-def points(rows):
-    """The fewest win: seconds, falls and time-outs of the rows with noise; None: disqualified."""
-    if any(row["time_mean"] is None or row["still_there"] < STAYS for row in rows):
-        return None
-    return sum(
-        row["time_mean"] + PER_FALL * row["fall"] + PER_TIMEOUT * row["timeout"] for row in rows
-    ) / len(rows)
+def points(rows, trials=slice(None)):
+    """The mean of the rows' points, [...]; the fewest win. trials: the numbers of those that count,
+    [..., n]."""
+    total = 0
+    for row in rows:
+        outcome, seconds = map(np.array, row["walks"])
+        reached = outcome == "success"
+        price = PER_FALL * (outcome == "fall") + PER_TIMEOUT * (outcome == "timeout")
+        mean = (seconds * reached)[trials].sum(-1) / np.maximum(reached[trials].sum(-1), 1)
+        total = total + (mean + price[trials].mean(-1)) / len(rows)
+    return total
 
 
-def interval(rows):
-    """The 95 % interval of the points: a near walk and the far one in the same world are drawn
-    together, see `bootstrap` of stage 5."""
+def interval(rows, others=()):
+    """The 95 % interval of the points; or of their difference from those of another planner's rows.
 
-    def drawn(*samples):
-        total = 0
-        for outcome, seconds in zip(samples[::2], samples[1::2]):  # [2000, walks] each
-            reached = outcome == "success"
-            total = total + (seconds * reached).sum(1) / np.maximum(reached.sum(1), 1)
-            total = total + PER_FALL * (outcome == "fall").mean(1)
-            total = total + PER_TIMEOUT * (outcome == "timeout").mean(1)
-        return total / len(rows)
+    It is paired, see `bootstrap` of stage 5: a trial is chosen with all its walks, near and far, of
+    both planners."""
+    trials = np.arange(len(rows[0]["walks"][0]))
+    return evaluate.bootstrap(lambda drawn: points(rows, drawn) - points(others, drawn), trials)
 
-    return evaluate.bootstrap(drawn, *(np.array(sample) for row in rows for sample in row["walks"]))
+
+def stays(rows):
+    """The least share of the successes that is still there."""
+    return min(row["still_there"] or 0 for row in rows[:2])
 
 
 def ranked(found):
-    """Names, the best first, and their points."""
-    scores = {name: points(rows[:2]) for name, rows in found.items()}
-    return sorted(found, key=lambda name: (scores[name] is None, scores[name] or 0)), scores
+    """(place, name, points, their interval) of every planner, the best first. found: its rows by
+    name, near, far, and perhaps far with pushes.
+
+    A planner has the place of the one before it, unless its points are more, by `interval`, than
+    those of the first planner of that place."""
+    field, first = [], ()
+    scores = {name: (stays(rows) < STAYS, points(rows[:2])) for name, rows in found.items()}
+    for name in sorted(found, key=scores.get):
+        rows, (out, score) = found[name][:2], scores[name]
+        if out:
+            place = OUT
+        elif interval(rows, first)[0] > 0:
+            place, first = len(field) + 1, rows  # also without a first one: points are above 0
+        field.append((place, name, score, interval(rows)))
+    return field
 
 
 def ranking(found):
-    """Lines of Markdown for rows {planner: near, far, and perhaps far with pushes}, best first."""
-    lines = []
-    names, scores = ranked(found)
-    for name in names:
-        calm, pushed = found[name][:2], found[name][2:]
-        cells = [f"`{name}`"]
-        for row in calm:
+    """The table of the planners in Markdown, see `ranked`."""
+    lines, pushed = [], ()
+    for place, name, score, ends in ranked(found):
+        near, far, *pushed = found[name]
+        cells = [str(place), f"`{name}`"]
+        for row in near, far:
             time = "none" if row["time_mean"] is None else "{time_mean:.1f}, {time_median:.1f} s"
-            cells.append(f"{time}; {{falls}}, {{timeout:.3f}}".format(**row))
-        cells.append(f"{min(row['still_there'] or 0 for row in calm):.2f}")
-        cells.append(" ".join(f"{row['fall']:.3f}" for row in pushed) or "not walked")
-        if scores[name] is None:
-            cells.append("disqualified")
-        else:
-            low, high = interval(calm)
-            cells.append(f"{scores[name]:.1f} [{low:.1f}, {high:.1f}]")
+            cells.append(f"{time}; {{fall:.3f}}, {{timeout:.3f}}".format(**row))
+        cells += [f"{stays(found[name]):.2f}", *(f"{row['fall']:.3f}" for row in pushed)]
+        cells.append("{:.1f} [{:.1f}, {:.1f}]".format(score, *ends))
         lines.append(" | ".join(cells))
     head = (
-        "planner | near: time, median; falls, time-outs | far: the same | still there "
-        "| falls when pushed | points [95 % interval]"
+        "place | planner | near: time, median; shares of falls, time-outs | far: the same | still there "
+        f"| {'falls when pushed | ' * len(pushed)}points [95 % interval]"
     )
     return common.markdown(head, lines)
 
@@ -102,8 +121,8 @@ def noisy(folder):
     for row in common.read_json(folder / "evaluation.json")["rows"]:
         if row["noise"]:
             own = walks[row["planner"], True, row["goal_std_m"]]
-            walked = {"walks": [own["outcome"], own["time"]]}
-            found.setdefault(row["planner"], []).append(common.with_falls(row) | walked)
+            row["walks"] = own["outcome"], own["time"]
+            found.setdefault(row["planner"], []).append(row)
     return found
 
 
@@ -115,18 +134,17 @@ def shown(file):
 
 def plot(found, path):
     """Points as bars, with their intervals; the best on top."""
-    names, scores = ranked(found)
-    figure = Figure(figsize=(8, 1.6 + 0.4 * len(names)))
+    field = ranked(found)[::-1]
+    figure = Figure(figsize=(8, 1.6 + 0.4 * len(field)))
     axis = figure.subplots()
-    for place, name in enumerate(reversed(names)):
-        if scores[name] is None:
-            axis.text(0, place, " disqualified", va="center")
-            continue
-        axis.barh(place, scores[name], color="tab:purple" if name in FIELD else "tab:olive")
-        axis.plot(interval(found[name][:2]), [place, place], "k", lw=2)
+    for height, (place, name, score, ends) in enumerate(field):
+        if place != OUT:
+            axis.barh(height, score, color="tab:purple" if name in FIELD else "tab:olive")
+            axis.plot(ends, [height, height], "k", lw=2)
     axis.set(
-        yticks=range(len(names)),
-        yticklabels=names[::-1],
+        yticks=range(len(field)),
+        yticklabels=[f"{name}: {place}" for place, name, *_ in field],
+        ylabel="planner: place",
         xlabel="points [s], the fewest win; black: 95 % interval; purple: of the repository",
         title="The contest: near and far goals in 3-D, with noise",
     )
@@ -146,7 +164,6 @@ def serve(pipe, file):
     sys.path[:] = [path for path in sys.path if ROOT not in (Path(path), *Path(path).parents)]
     try:
         planner = evaluate.load_planner(file)
-        pipe.send_bytes(b"ready")
         while True:
             method, argument = pipe.recv()
             if method == "act":
@@ -174,41 +191,31 @@ class Contestant:
         self.process = context.Process(target=serve, args=(theirs, copy), daemon=True)
         self.process.start()
         theirs.close()
-        try:
-            self.answer(60 + patience)  # it imports PyTorch first
-        except LeftOut:
-            self.close()
-            raise
 
-    def answer(self, patience, size=5):
-        """The bytes that come back in time, `size` of them at most."""
+    def ask(self, method, argument, size, patience):
+        """Calls a method of the planner, over there; returns the bytes that come back in time, `size`
+        of them at most."""
         begin = time.monotonic()
-        if not self.pipe.poll(min(patience, self.left)):
-            raise LeftOut(f"no answer within {patience:.0f} s, or {TOTAL} s in all")
-        self.left -= time.monotonic() - begin
-        try:
-            return self.pipe.recv_bytes(size)
-        except (EOFError, OSError) as error:
-            raise LeftOut("its process has ended, see above, or sent too much") from error
-
-    def ask(self, method, argument, size):
-        """Calls a method of the planner, over there."""
-        watch = threading.Timer(self.patience, self.process.kill)  # if it does not even listen
+        watch = threading.Timer(patience, self.process.kill)  # if it does not even listen
         watch.start()
         try:
             self.pipe.send((method, argument))
-        except OSError as error:
-            raise LeftOut("its process has ended") from error
+            watch.cancel()
+            if not self.pipe.poll(min(patience, self.left)):
+                raise LeftOut(f"no answer within {patience:.0f} s, or {TOTAL} s in all")
+            self.left -= time.monotonic() - begin
+            return self.pipe.recv_bytes(size)
+        except (EOFError, OSError) as error:
+            raise LeftOut("its process has ended, see above, or sent too much") from error
         finally:
             watch.cancel()
-        return self.answer(self.patience, size)
 
     def reset(self, num_robots):
-        self.ask("reset", num_robots, 0)
+        self.ask("reset", num_robots, 0, 60 + self.patience)  # it may still import PyTorch
 
     def act(self, view):
         count = len(view.robots)
-        numbers = np.frombuffer(self.ask("act", vars(view), count * 6 * 8))
+        numbers = np.frombuffer(self.ask("act", vars(view), count * 6 * 8, self.patience))
         if numbers.size != count * 6:
             raise LeftOut(f"actions must have the shape {(count, 6)}")
         return numbers.reshape(count, 6)
@@ -220,30 +227,36 @@ class Contestant:
         self.folder.cleanup()
 
 
-def walk(planner, name, seeds, episodes):
+def walk(name, file, args):
     """Rows of a planner, as `noisy` has them, for all WALKS."""
     rows = []
-    for far, push in WALKS:
-        world = common.world("mujoco", num_robots=episodes, push=push)
-        parts = [
-            evaluate.evaluate(planner, world, evaluate.draw_trials(seed, episodes, far))
-            for seed in seeds
-        ]
-        ended = common.together(parts)
-        row = common.row_of(ended, name, far)
-        rows.append(row | {"walks": [ended["outcome"], ended["time"]]})
+    ours = common.opponents("mujoco") | {"policy": common.shipped("mujoco")}
+    with (
+        nullcontext(ours[name])
+        if name in FIELD
+        else closing(Contestant(file.resolve(), args.patience)) as planner
+    ):
+        for far, push in WALKS:
+            world = common.world("mujoco", num_robots=args.episodes, push=push)
+            parts = [
+                evaluate.evaluate(planner, world, evaluate.draw_trials(seed, args.episodes, far))
+                for seed in args.seeds
+            ]
+            ended = common.together(parts)
+            walks = [ended["outcome"].tolist(), ended["time"].tolist()]
+            rows.append(common.row_of(ended, name, far, walks=walks))
     return rows
 
 
 def read_arguments():
-    """The command line, and the files of the contestants."""
+    """The command line, and the files of the planners by name."""
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", type=Path, metavar="FILE.py or FOLDER")
     parser.add_argument("--seed", type=int, nargs="+", default=[0, 1], dest="seeds")
     parser.add_argument("--episodes", type=int, default=500)
     parser.add_argument("--patience", type=float, default=20, help="[s] for a decision")
     parser.add_argument("--out", type=Path, default=ROOT / "runs" / "contest")
-    parser.set_defaults(sim="mujoco", seed=0)
+    parser.set_defaults(seed=0)
     args = parser.parse_args()
     if args.episodes < 1 or min(args.seeds) < 0 or args.patience <= 0:
         parser.error("--episodes from 1, --seed from 0, --patience above 0")
@@ -254,35 +267,41 @@ def read_arguments():
         files += sorted(path.glob("*.py")) if path.is_dir() else [path]
     if args.files and not files:
         parser.error("no .py file in there")
-    if len({shown(file) for file in files} | set(FIELD)) < len(files) + len(FIELD):
+    entrants = FIELD | {shown(file): file for file in files}
+    if len(entrants) < len(files) + len(FIELD):
         parser.error("two planners of one name: give every file a name of its own")
-    return args, files
+    return args, entrants
 
 
 def main():
-    args, files = read_arguments()
-    if not files:
+    args, entrants = read_arguments()
+    if not args.files:
         print(ranking(noisy(ROOT / "results" / "mujoco")))
         return
     out = robot_model.output_folder(args)
-    tuned = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE["mujoco"])
-    field = dict(zip(FIELD, (common.shipped("mujoco"), tuned)))
-    found, note = {}, f"Seeds {args.seeds}, {args.episodes} walks each."
-    for place in (*FIELD, *files):
-        name = place if place in FIELD else shown(place)
-        print(f"{name} walks", flush=True)
-        planner = None
+    path = out / "walks.json"  # rows by what they depend on: a planner's file and its world
+    known = common.read_json(path) if path.is_file() else {}
+    stages = [stage.read_bytes() for stage in sorted(ROOT.glob("0*.py"))]
+    world = args.seeds, args.episodes, WALKS, stages
+    found, left, walked, each, began = {}, "", 0, "", time.monotonic()
+    for number, (name, file) in enumerate(entrants.items(), 1):
         try:
-            planner = field[name] if place in FIELD else Contestant(place.resolve(), args.patience)
-            found[name] = walk(planner, name, args.seeds, args.episodes)
+            key = sha256(repr((file.read_bytes(), *world)).encode()).hexdigest()
+            told = "has walked before" if key in known else "walks"
+            print(f"{name} {told} (planner {number} of {len(entrants)}{each})", flush=True)
+            if key not in known:
+                known[key] = walk(name, file, args)
+                walked += 1
+                each = f"; each takes {(time.monotonic() - began) / 60 / walked:.1f} minutes"
+                robot_model.write_text(path, json.dumps(known))
+            found[name] = known[key]
         except (LeftOut, ValueError, OSError) as error:  # OSError: its file cannot be read
-            print(f"{name} is left out: {error}", file=sys.stderr)
-        finally:
-            if isinstance(planner, Contestant):
-                planner.close()
-        robot_model.write_text(out / "leaderboard.md", f"{note}\n\n{ranking(found)}")
+            left += f"\n{name} is left out: {error}\n"
+            print(left.splitlines()[-1], file=sys.stderr)
+        board = f"Seeds {args.seeds}, {args.episodes} walks each.\n\n{ranking(found)}{left}"
+        robot_model.write_text(out / "leaderboard.md", board)
         plot(found, out / "leaderboard.png")
-    print(f"{note}\n\n{ranking(found)}\nleaderboard.md and .png are in {out}")
+    print(f"{board}\nleaderboard.md and .png are in {out}")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Run from the root of the repository:
 
     python tests/exercises/predict.py circle               the return of walking in a circle
-    python tests/exercises/predict.py sharpness            a Beta distribution to the power of k
+    python tests/exercises/predict.py concentration        mode and mean of a Beta distribution
     python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
     python tests/exercises/predict.py joints --mujoco      joints without friction
     python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
@@ -37,14 +37,14 @@ def circle(sim):
         )
 
 
-def sharpness(sim):
-    """Mode, mean, spread and entropy of Beta(1 + 8·m, 1 + 8·(1 − m)) to the power of k."""
-    for mode in (0.5, 0.9):
-        for k in (1.0, 2.0, 6.0):
-            raw = torch.tensor([mode, 1 - mode]) * (10.0 - 2.0)
-            beta = torch.distributions.Beta(*(1 + k * raw))
+def concentration(sim):
+    """Mean, spread and entropy of Beta(1 + (c − 2)·m, 1 + (c − 2)·(1 − m))."""
+    for mode in (0.5, 1.0):
+        for c in (3.0, 10.0, 40.0):
+            ends = 1 + (c - 2) * torch.tensor([mode, 1 - mode])  # α, β
+            beta = torch.distributions.Beta(*ends)
             print(
-                f"mode {mode}: k = {k:.0f}  mean {beta.mean:.3f}, standard deviation "
+                f"mode {mode}: c = {c:2.0f}  mean {beta.mean:.3f}, standard deviation "
                 f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats"
             )
 
@@ -124,7 +124,7 @@ def filter_(sim):
 
 EXPERIMENTS = {
     "circle": circle,
-    "sharpness": sharpness,
+    "concentration": concentration,
     "reflex": reflex,
     "joints": joints,
     "filter": filter_,

@@ -3,7 +3,7 @@
     python tests/exercises/sheet.py                      all of them, into exercises/
     python tests/exercises/sheet.py --only gae quintic   only these are empty
 
-Docstrings stay, and comments, for they hold the equations. What is there is overwritten only with
+Docstrings stay, and comments on a line of their own. What is there is overwritten only with
 --force.
 """
 
@@ -11,6 +11,7 @@ import ast
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
+from debug import BUGS, read_bug
 from workbook import BOOK, any_console, command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -18,8 +19,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def find(file):
     """The path of a module that has exercises: a stage, one beside this script, or a study."""
-    places = ROOT, ROOT / "tests" / "exercises", ROOT / "tests" / "studies"
-    return next(path for path in (place / f"{file}.py" for place in places) if path.is_file())
+    places = ROOT, ROOT / "tests/exercises", ROOT / "tests/studies"
+    return next(path for place in places if (path := place / f"{file}.py").is_file())
 
 
 def function_in(tree, name):
@@ -87,6 +88,10 @@ def main():
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     if out in [find(row.file).parent for row in BOOK.values()]:
         refuse(f"{out} holds the solutions; take another folder")
+    for name in (path.stem for path in BUGS.glob("*.txt")):
+        file, _, bug = read_bug(name)
+        if "".join(bug.split()) in "".join((ROOT / file).read_text("utf-8").split()):
+            refuse(f"{file} has a bug; take it out: python tests/exercises/debug.py undo {name}")
     texts = sheets(names)
     if args.force:  # only the files of the named exercises; others may be solved
         named = {f"{BOOK[name].file}.py" for name in names}
@@ -100,15 +105,13 @@ def main():
     except OSError as error:
         refuse(f"cannot write to {out}: {error.strerror}")
     for name in names:
-        row = BOOK[name]
-        print(
-            f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {row.file}.py  "
-            f"{', '.join(row.functions)}"
-        )
+        row, stub = BOOK[name], f'("exercise: {name}")'
+        lines = texts[f"{row.file}.py"].splitlines()
+        gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
+        print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")
     folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
-    folder = f'"{folder}"' if " " in folder else folder
-    chosen = f'"{" or ".join(names)}"' if args.only and len(names) > 1 else names[0]
-    print(f"To be written in {out}. Graded, from {ROOT}, by\n    {command(chosen, folder)}")
+    graded = command(f'"{" or ".join(args.only or names[:1])}"', f'"{folder}"')
+    print(f"To be written in {out}. Graded, from {ROOT}, by\n    {graded}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ from workbook import BOOK, graded_by
 
 PATIENCE = 6  # [s] for an import, and for the first test that does not end; later ones get a sixth
 ENDS = "ends Python (exit, or main() unguarded?)"
-LATE = "takes too long: a loop that never ends?"
+LATE = "takes too long: a loop that never ends? (If the computer is busy: --patience 60)"
 
 
 def pytest_addoption(parser):
@@ -106,6 +107,8 @@ class Grading:
         self.keyword = config.option.keyword  # of tests
         self.here = [name for name in self.chosen if (folder / f"{BOOK[name].file}.py").is_file()]
         self.patience = config.getoption("patience")
+        for library in ("mujoco", "gymnasium", "torch"):  # slow to import, and no student's fault
+            import_module(library)
         self.found = read(graded)  # by the processes before this one
         self.graded = graded.open("a", buffering=1, encoding="utf-8")
         if config.option.tbstyle == "auto":

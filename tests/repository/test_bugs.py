@@ -139,7 +139,7 @@ def test_angles_are_wrapped():
 
 
 @pytest.mark.parametrize("bug, sign, code, says", [
-    ("tired", ">", 1, "Without the bug your test must pass"),
+    ("tired", ">", 1, "Without the bug (undo it first) your test must pass"),
     pytest.param("tired", "<=", 1, "With tired it must fail", marks=pytest.mark.slow),
     pytest.param("stubborn", "<=", 0, "fails with stubborn: well done", marks=pytest.mark.slow),
 ])  # fmt: skip

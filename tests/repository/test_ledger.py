@@ -65,7 +65,7 @@ def test_every_exercise_belongs_to_a_lesson(kind):
     assert not absent, f"in which lesson is {kind}.{absent} done?"
 
 
-@pytest.mark.parametrize("name", ["circle", "sharpness"])
+@pytest.mark.parametrize("name", ["circle", "concentration"])
 def test_the_quick_experiments_print_what_is_told(name, capsys):
     import_module("predict").EXPERIMENTS[name]("pymunk")
     assert capsys.readouterr().out.splitlines() == told(name), "predict.md shows it"

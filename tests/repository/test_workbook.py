@@ -4,12 +4,14 @@ import ast
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
+import debug
 import grading
 import pytest
 import sheet
@@ -17,7 +19,7 @@ import workbook
 from solutions import referee
 from solutions.mutants import HARMLESS
 from solutions.referee import emptied, graded, text_of
-from test_scripts import python
+from test_scripts import main_of, python
 from workbook import BOOK
 
 ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
@@ -83,7 +85,14 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     assert done.returncode == 0, done.stderr
     assert {path.name for path in out.iterdir()} == {f"{row.file}.py" for row in BOOK.values()}
     assert "/exercises/" in (ROOT / ".gitignore").read_text("utf-8"), "a student's work"
-    assert workbook.command("wrap", '"' + out.resolve().as_posix() + '"') in done.stdout
+    assert workbook.command('"wrap"', f'"{out.resolve().as_posix()}"') in done.stdout
+    places = re.findall(r"(\w+\.py):(\d+)", done.stdout)
+    lines = [(out / file).read_text("utf-8").splitlines()[int(k) - 1].strip() for file, k in places]
+    assert lines == [
+        f'raise NotImplementedError("exercise: {row.name}")'
+        for row in BOOK.values()
+        for _ in row.functions
+    ], "sheet.py prints in which line of which file a student writes"
     mine, solved = out / "04_ppo.py", out / "05_evaluate.py"
     mine.write_text("# a night's work\n")
     solved.write_text("# solved\n")
@@ -93,6 +102,19 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     assert run(script, "--out", out, "--force", "--only", "gae").returncode == 0
     assert mine.read_text("utf-8").count("exercise: ") == 1
     assert solved.read_text() == "# solved\n", "files of other exercises stay"
+
+
+def test_no_sheet_is_made_while_a_bug_is_in_a_stage(tmp_path, monkeypatch, capsys):
+    debug.copied(tmp_path)
+    monkeypatch.setattr(sheet, "ROOT", tmp_path)
+    for bug in (path.stem for path in debug.BUGS.glob("*.txt")):
+        debug.put(bug, tmp_path)
+        with pytest.raises(SystemExit, match="2"):  # one line, and nothing is written
+            main_of("sheet.py", monkeypatch, "--out", tmp_path / "mine")
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.endswith(f"debug.py undo {bug}"), "a student would build on this bug"
+        debug.put(bug, tmp_path, undo=True)
+    assert not (tmp_path / "mine").exists()
 
 
 def test_a_stage_may_begin_with_a_byte_order_mark(tmp_path, monkeypatch):
@@ -175,14 +197,25 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     assert len(words.splitlines()) <= 22, "the hints come last, and in a few lines"
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="README has another line for PowerShell")
-def test_marks_of_a_submission_that_ended_python_are_no_result(tmp_path):
-    (tmp_path / "marks_ada.txt").write_text("ada: 1 of 1 exercises solved, 2 of 2 stars\n")
+@pytest.mark.parametrize("shell, first", [("bash", "for"), ("pwsh", "Get-ChildItem")])
+def test_the_lines_for_teachers_grade_submissions_and_collect_the_marks(tmp_path, shell, first):
+    if shutil.which(shell) is None or (shell, sys.platform) == ("bash", "win32"):
+        pytest.skip(f"no {shell} here")
+    (tmp_path / "submissions").mkdir()
+    submission(tmp_path / "submissions" / "ada", quintic="return 0")
     (tmp_path / "marks_bob.txt").touch()
-    (line,) = re.findall(r"^for marks in .*$", README, re.MULTILINE)
-    done = subprocess.run(line, shell=True, cwd=tmp_path, capture_output=True, text=True)
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    for line in re.findall(rf"^{first} .*$", README, re.MULTILINE):
+        line = line.replace("=no tests", f"=no {ROOT / 'tests'} -p no:cacheprovider")
+        done = subprocess.run(
+            [shell, "-c", line],
+            cwd=tmp_path,
+            env=os.environ | {"PATH": path},
+            capture_output=True,
+            text=True,
+        )
     assert done.stdout.splitlines() == [
-        "ada: 1 of 1 exercises solved, 2 of 2 stars",
+        "ada: 0 of 2 exercises solved, 0 of 5 stars",
         "marks_bob.txt: no result",
     ]
 

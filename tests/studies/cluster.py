@@ -140,7 +140,7 @@ def train(args):
     settings = args.out, args.steps, args.seed, args.resume
     _, rows = ppo.train(ppo.PPOConfig(), make_envs, *settings, noise=True)
     ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
-    print(f"after {rows[-1]['minutes']:.1f} minutes: {args.out / 'policy.pt'}")
+    print("written:", args.out / "policy.pt")
 
 
 def study_speed(args):

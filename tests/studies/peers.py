@@ -1,102 +1,134 @@
-"""Does another implementation of PPO learn the same? Stable-Baselines3 on the same task.
+"""Does another implementation of PPO compute the same? One update by Stable-Baselines3, one by us.
 
     python -m pip install stable-baselines3==2.9.2
-    python tests/studies/peers.py [--mujoco] [--out FOLDER]
+    python tests/studies/peers.py [--out FOLDER]
 
-Our trainings are those of `ablations` with a clipped Gaussian policy and no sharpening, for six seeds.
-An exact permutation test compares the times: if both implementations learn the same, each division of
-the twelve trainings into two groups of six is as likely as ours. p is the share of the divisions in
-which the means differ by as much.
+Both get the same network (a Gaussian policy, as Stable-Baselines3 has no Beta policy), and the same
+rollout in an environment of random numbers, in which episodes end and are cut off by chance. Compared
+are the advantages, and all weights after ten epochs. A minibatch holds the whole rollout, so its
+order does not matter.
 """
 
-from itertools import combinations
-from types import SimpleNamespace
+from dataclasses import replace
 
 import ablations
 import common
+import gymnasium as gym
 import numpy as np
-from common import env, evaluate, ppo, robot_model, values
+from common import ppo, robot_model
 
 torch = ppo.torch
-DURATION = "40 minutes; 3-D: 80"
-SEEDS = range(6)
-CFG = ablations.UNSHARPENED
-UPDATES = -(-ablations.STEPS // (CFG.num_envs * CFG.rollout))
+DURATION = "seconds"
+ROBOTS, STEPS, SEEN, ACTS = 64, 16, 20, 6  # shape of the rollout, of observations and actions
+CFG = replace(ppo.PPOConfig(), minibatch=ROBOTS * STEPS)
 
 
-def learn(sim, seed):
-    """Trains one policy and returns its row."""
+class Chance(gym.Env):
+    """Random observations and rewards. `seen` holds a row for every step."""
+
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (SEEN,))
+    action_space = gym.spaces.Box(0, 1, (ACTS,))
+
+    def __init__(self):
+        self.seen = []
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.obs = self.np_random.normal(size=SEEN).astype(np.float32)
+        return self.obs, {}
+
+    def step(self, action):
+        obs, self.obs = self.obs, self.np_random.normal(size=SEEN).astype(np.float32)
+        reward, ends = self.np_random.normal(), self.np_random.random(2) < 0.1
+        row = {"obs": obs, "next_obs": self.obs, "reward": np.float32(reward)}
+        self.seen.append(row | {"terminated": ends[0], "truncated": ends[1]})
+        return self.obs, reward, *map(bool, ends), {}
+
+
+def layers(network):
+    """The linear layers of a network, in their order."""
+    return [layer for layer in network.modules() if isinstance(layer, torch.nn.Linear)]
+
+
+def study_exact(args):
+    """How much advantages and weights differ, and how much they vary or move."""
     try:
         from stable_baselines3 import PPO
         from stable_baselines3.common.env_util import make_vec_env
+        from stable_baselines3.common.logger import Logger
     except ImportError as error:
         raise robot_model.InputError(
             "first: python -m pip install stable-baselines3==2.9.2"
         ) from error
-    first = ppo.random_seed(seed) % 2**31  # near seeds would share most of their robots' worlds
-    settings = {"sim": sim, "noise": True}
-    envs = make_vec_env(env.FootstepEnv, CFG.num_envs, first, env_kwargs=settings)
-    model = PPO(
+    envs = make_vec_env(Chance, ROBOTS, args.seed)
+    theirs = PPO(
         "MlpPolicy",
         envs,
-        n_steps=CFG.rollout,
+        n_steps=STEPS,
         batch_size=CFG.minibatch,
         n_epochs=CFG.epochs,
-        learning_rate=lambda left: CFG.learning_rate * (left + 1 / UPDATES),  # left: after it
+        learning_rate=CFG.learning_rate,
         gamma=CFG.gamma,
         gae_lambda=CFG.lam,
         clip_range=CFG.clip,
         vf_coef=CFG.value_coef,
         max_grad_norm=CFG.max_grad_norm,
         device="cpu",
-        seed=first,
-        policy_kwargs={
-            "net_arch": list(CFG.hidden),  # of the actor, and of the critic
-            "activation_fn": torch.nn.Tanh,
-            "log_std_init": float(ablations.log_std(CFG.first_concentration)),
-        },
+        seed=args.seed,
+        policy_kwargs={"net_arch": [*CFG.hidden], "activation_fn": torch.nn.Tanh},
     )
-    neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
-    model.policy.action_net.bias.data.copy_(torch.as_tensor(neutral))
-    model.learn(UPDATES * CFG.num_envs * CFG.rollout)
-    envs.close()
+    model = ablations.GaussianActor(SEEN, ACTS, CFG.hidden, 0.5, CFG.first_concentration)
+    policy = theirs.policy
+    actor = [*layers(policy.mlp_extractor.policy_net), policy.action_net]
+    critic = [*layers(policy.mlp_extractor.value_net), policy.value_net]
+    pairs = [(model.log_std, policy.log_std)]
+    for ours, other in zip(layers(model), actor + critic, strict=True):
+        pairs += [(ours.weight, other.weight), (ours.bias, other.bias)]
+    first = [other.detach().clone() for _, other in pairs]
+    for (ours, _), weights in zip(pairs, first):
+        ours.data.copy_(weights)
+    _, callback = theirs._setup_learn(CFG.minibatch)
+    buffer = theirs.rollout_buffer
+    theirs.collect_rollouts(envs, callback, buffer, STEPS)  # actions, advantages
+    seen = [env.unwrapped.seen for env in envs.envs]  # [N][T]
+    data = {
+        name: torch.as_tensor(np.array([[row[name] for row in rows] for rows in seen])).swapaxes(
+            0, 1
+        )
+        for name in seen[0][0]
+    }
+    data["action"] = torch.as_tensor(buffer.actions)  # [T, N, ACTS]
+    advantages, _, _ = ppo.judge(model, data, CFG)
+    off = np.abs(advantages.numpy() - buffer.advantages.ravel())
+    optimizer = torch.optim.Adam(model.parameters(), CFG.learning_rate, eps=1e-5)
+    ppo.improve(model, optimizer, data, CFG)
+    theirs.set_logger(Logger(None, []))
+    theirs.train()
+    with torch.no_grad():
+        moved = max((ours - weights).abs().max().item() for (ours, _), weights in zip(pairs, first))
+        apart = max((ours - other).abs().max().item() for ours, other in pairs)
+    row = {"cut_off": int(data["truncated"].sum()), "advantages_differ": float(off.max())}
+    row |= {"they_vary_by": advantages.std().item(), "weights_differ": apart, "they_move_by": moved}
+    return [row]
 
-    def decide(obs):
-        """Its prediction is the mean of the normal distribution, clipped."""
-        return model.predict(obs, deterministic=True)[0]
 
-    planner = evaluate.PolicyPlanner(SimpleNamespace(decide=decide))
-    return {"seed": seed, **ablations.judged(planner, sim)}
+PARTS = {"exact": study_exact}
 
 
-def study_ours(args):
-    """Rows of our trainings; those of `ablations` are among them."""
-    return ablations.study_short(args, [ablations.PEER], SEEDS)
-
-
-def study_sb3(args):
-    """Rows of the other implementation's trainings."""
-    return [learn(args.sim, seed) for seed in SEEDS]
-
-
-PARTS = {"ours": study_ours, "sb3": study_sb3}
-
-
-COLUMNS = dict.fromkeys(PARTS, {"seed": 0, "success": 3, "fall": 3, "time_mean": 2})
+COLUMNS = {
+    "exact": {"cut_off": 0, "advantages_differ": 8, "they_vary_by": 2}
+    | {"weights_differ": 8, "they_move_by": 4}
+}
 
 
 def found(data):
     """Sentences by name, from the numbers of the plane."""
-    ours, theirs = (values(data["pymunk"][part]["rows"], "time_mean") for part in PARTS)
-    times = np.array(ours + theirs)
-    divisions = [times[[*group]].mean() for group in combinations(range(len(times)), len(ours))]
-    differ = np.abs(divisions - times.mean())  # half of the difference of the two means
-    p = (differ >= abs(np.mean(ours) - times.mean()) - 1e-9).mean()
+    (row,) = data["pymunk"]["exact"]["rows"]
     return {
-        "times": f"On the plane the walks take {np.mean(ours):.1f} s with our {len(ours)} policies "
-        f"({min(ours):.1f} to {max(ours):.1f} s), and {np.mean(theirs):.1f} s with those of "
-        f"Stable-Baselines3 ({min(theirs):.1f} to {max(theirs):.1f} s). If both implementations learned the "
-        f"same, chance would give such a difference with the probability p = {p:.3f}.",
+        "exact": f"After ten epochs on the same {CFG.minibatch:,} steps ({row['cut_off']} of them cut off) the "
+        f"weights of both implementations differ by at most {row['weights_differ']:.0e}, while they move by up to "
+        f"{row['they_move_by']:.2f}. The advantages, which vary by {row['they_vary_by']:.1f}, differ by at "
+        f"most {row['advantages_differ']:.0e}.",
     }
 
 

@@ -365,17 +365,17 @@ def low_pass(velocity, command, seconds, time_constant):
 
 
 def wilson(count, total, z=1.96):
-    """An array, the rate as count · (1/n)."""
+    """By an array, the rate as count · (1/n)."""
     n, p = (float(total), count * (1 / total))
     middle, half = (p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2))
-    return np.clip(np.array([middle - half, middle + half]) / (1 + z**2 / n), 0, 1)
+    return np.clip(np.array([middle - half, middle + half]) / (1 + z**2 / n), 0, 1).tolist()
 
 
 def wilson(count, total, z=1.96):
     """Counts instead of rates, by NumPy."""
     middle = (count + z**2 / 2) / (total + z**2)
     width = z * np.sqrt(count * (total - count) / total + z**2 / 4) / (total + z**2)
-    return np.clip([middle - width, middle + width], 0, 1)
+    return tuple(np.clip([middle - width, middle + width], 0, 1))
 
 
 def velocity_command(goal, settings):

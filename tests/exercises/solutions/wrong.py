@@ -142,9 +142,10 @@ def clipped_objective(ratio, advantage, clip):
 
 
 @right("another clamp")
-@right("by NumPy, w + ln(1 − exp(−w))")
-@wrong("α, β, α, β", "all α and then all β")
-@wrong("α = m·c puts the mean there", "m·(c−2)")
+@right("by NumPy, ln(m / (1 − m)) and w + ln(1 − exp(−w))")
+@wrong("m, c, m, c", "all variables, then")
+@wrong("c instead of c − 2", "c−2")
+@wrong("the mode itself instead of its logit", "logit")
 @wrong("of the critic", "doesn't match")
 def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
     super().__init__()
@@ -155,16 +156,19 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
     mode = (
         torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(least, 1 - least)
     )
-    wanted = torch.cat([mode, 1 - mode]) * (concentration - 2)
-    if mistake == "α, β, α, β":
-        wanted = torch.stack([mode, 1 - mode], -1).flatten() * (concentration - 2)
-    elif mistake == "α = m·c puts the mean there":
-        mode = mode.clamp(0.11, 0.89)
-        wanted = torch.cat([mode, 1 - mode]) * concentration - 1
+    narrow = torch.full((act_dim,), float(concentration))
+    if mistake != "c instead of c − 2":
+        narrow -= 2
+    place, width = torch.logit(mode), torch.log(torch.expm1(narrow))
+    if mistake == "the mode itself instead of its logit":
+        place = mode
+    elif mistake == "by NumPy, ln(m / (1 − m)) and w + ln(1 − exp(−w))":
+        m, w = mode.numpy(), narrow.numpy()
+        place, width = map(torch.tensor, (np.log(m / (1 - m)), w + np.log1p(-np.exp(-w))))
+    bias = torch.cat([place, width])
+    if mistake == "m, c, m, c":
+        bias = torch.stack([place, width], -1).flatten()
     network = self.critic if mistake == "of the critic" else self.actor
-    bias = torch.log(torch.expm1(wanted))
-    if mistake == "by NumPy, w + ln(1 − exp(−w))":
-        bias = wanted + np.log1p(-np.exp(-wanted.numpy()))
     network[-1].bias.data.copy_(bias)
 
 
@@ -358,7 +362,6 @@ def time_ratio(trials, reference):
         "goals": len(a),
         "time_ratio": ratio(a, b),
         "time_ratio_ci95": [*bootstrap(drawn, a, b)],
-        "median": np.median(a / b),
         "faster": np.mean(a < b),
         "slower": np.mean(a > b),
     }

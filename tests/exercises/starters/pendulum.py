@@ -22,7 +22,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parents[3]))  # where the stages are
 robot_model, ppo = import_module("01_robot_model"), import_module("04_ppo")
 TASK = "Pendulum-v1"  # or another one whose actions are a bounded Box [n]
-CONFIG = ppo.PPOConfig(num_envs=16, rollout=128, minibatch=256, sharpest=4.0)  # our choice
+CONFIG = ppo.PPOConfig(num_envs=16, rollout=128, minibatch=256)  # our choice
 
 
 def gym_envs(num_envs):
