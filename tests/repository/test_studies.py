@@ -120,6 +120,16 @@ def test_walks_are_those_of_stage_05_set_by_set():
         equal(both[name][3:], second[name], name)
 
 
+def test_a_film_of_policies_shows_the_robot_on_its_way(tmp_path, monkeypatch):
+    shown = []
+    monkeypatch.setattr(
+        evaluate, "save_film", lambda figure, pictures, _: shown.append(next(pictures))
+    )
+    policy = common.RESULTS / "pymunk" / "policy.pt"
+    seeds.study_film(Namespace(film=[policy], sim="pymunk", out=tmp_path / "studies"))
+    assert len(shown) == 1, "its first picture"
+
+
 def test_slow_noise_is_as_large_and_stays():
     robots, zero, std = np.arange(150), np.zeros((150, 3)), np.full(3, 0.05)
     world = kicks.SlowNoise(150, "pymunk", noise=True)

@@ -121,7 +121,7 @@ COLUMNS = dict.fromkeys(PARTS, SHORT)
 
 
 def found(data):
-    """Sentences and tables by name, from the numbers of both simulators."""
+    """Sentences by name, from the numbers of the plane."""
 
     def means(part, key, names):
         rows = data["pymunk"][part]["rows"]

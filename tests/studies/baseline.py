@@ -34,7 +34,7 @@ SETS = 2  # of 500 near and of 500 far ones, for every finalist
 PRICES = (50.0, 100.0, 200.0, 400.0)  # [s] of one fall per walk; of a time-out a quarter
 PUSH = 0.4  # [m/s]
 LEAVING = 50.0  # [s] in the search: price of leaving the goal again, if more often than allowed
-# The rule for all planners: of those that keep it, the one with the fewest points is taken. Our choice.
+# The rule for all planners: of those that keep it, the fewest points win. Our choice.
 STAYS = 0.93  # least share of *still there*, near and far
 MAX_FALLS, MAX_PUSHED = 0.005, 0.02  # share of the walks; of those with pushes
 EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "together", "gain"]

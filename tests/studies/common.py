@@ -344,7 +344,7 @@ def film(walks, trials, path):
                 yield result
             ended = any(result[outcome][0] for outcome in evaluate.OUTCOMES)
 
-    films = [pictures(panel, name, *walks[name]) for panel, name in zip(panels, walks)]
+    films = [pictures(panel, name, *walks[name]) for panel, name in zip(np.ravel(panels), walks)]
     evaluate.save_film(figure, islice(zip_longest(*films), 0, 200, 2), path)
 
 
