@@ -54,8 +54,8 @@ def ends(planner, trials, sim="pymunk", noise=False):
 
 # ------------------------------------------------------------------------ numbers in words
 def said_of_the_world():
-    """The task, what is drawn, the robot."""
-    task, spread, robot = env.Task(), env.Spread(), env.robot_model.RobotModel()
+    """The task and the robot."""
+    task, robot = env.Task(), env.robot_model.RobotModel()
     walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
     yield (
         f"{walks} walks in 3-D to near and as many to far goals (σ of x and of y: "
@@ -65,14 +65,6 @@ def said_of_the_world():
     yield (
         f"within {100 * task.success_m:.0f} cm and {np.degrees(task.success_rad):.0f}° of the "
         f"goal, in at most {task.time_limit:.0f} s"
-    )
-    yield (
-        f"friction μ ({robot.friction - spread.friction:.1f} to "
-        f"{robot.friction + spread.friction:.1f}), masses (± {common.share(spread.mass)}), motor "
-        f"stiffness (± {common.share(spread.stiffness)}), joint friction "
-        f"(± {common.share(spread.stiction_share)}), wrong joint zeros (σ "
-        f"{np.degrees(spread.zero):.1f}°), the torso's centre of mass (± {100 * spread.com:.0f} cm) "
-        f"and delay (up to {1000 * spread.delay * robot.control_dt:.0f} ms)"
     )
     leg = robot.hip, robot.thigh, robot.shin, robot.foot
     yield f"robot weighs {robot.torso.mass + 2 * sum(link.mass for link in leg):.1f} kg"

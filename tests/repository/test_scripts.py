@@ -86,13 +86,13 @@ def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other
         shutil.copy(path, tmp_path)
     text = (tmp_path / script).read_text("utf-8")
     assert text.count(number) == 1, f"{number} should stand once in {script}"
-    name, value = re.fullmatch(r"(\w+).*=\s*([\d.]+)", number).groups()
+    value = re.fullmatch(r"\w+.*=\s*([\d.]+)", number)[1]
     (tmp_path / script).write_text(text.replace(number, number.replace(value, other)), "utf-8")
     sim = "mujoco" if "--mujoco" in command else "pymunk"
     flags = [*command.replace("100", "8").split()[1:], "--policy"]
     policy = ROOT / "results" / sim / "policy.pt"
     shown = run(tmp_path / "05_evaluate.py", *flags, policy, folder=tmp_path).stdout
-    assert re.search(f"another .*{'robot' if name == 'friction' else 'walk'}", shown)
+    assert "another walk" in shown
     assert "| policy " in shown
 
 

@@ -427,9 +427,9 @@ def readme_result(rows):
     shown = "" if shown else ", which shows no difference"
     told = [
         f"On the same goals the policy takes less time than `expert`: by {near} if they are near, by {far} "
-        f"if they are far. ( ) are 95 % intervals. It is sooner at {faster} of the far goals than `expert`, and "
-        f"later at {slower}. On the plane, to near goals, it saves only {plane}{shown}.",
-        f"{said('seeds')['pooled']} {said('seeds')['safety']}",
+        f"if they are far (in brackets: 95 % intervals). It is sooner at {faster} of the far goals, and later at "
+        f"{slower}. On the plane, to near goals, it saves only {plane}{shown}.",
+        said("seeds")["pooled"],
         f"{said('kicks')['slow']} {said('transfer')['zeros']} On the real robot nothing was tried.",
     ]
     return f"{table(lines, digits)}\n{bullets(told)}"
