@@ -14,9 +14,9 @@ Prints, for four walks of eight double steps, where the robot was commanded to e
 ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
 1.2 cm of the command, after 1.24 m. The 3-D robot misses it by up to 0.13 m and 0.19 rad, and a
 planner has to correct this. Its motors are springs, which give way under the load: in 02_plan.png
-the swing foot rises less than planned, and the torso is left of its plan. (A symmetric robot can
-drift, because its left foot always swings first. With a `stiffness` of 3000 instead of 300 it
-drifts to the other side.)
+the swing foot rises less than planned. There the robot has drifted to the left of its plan. (A
+symmetric robot can drift, because its left foot always swings first. With a `stiffness` of 3000
+instead of 300 it drifts to the other side.)
 
 `python tests/studies/walk.py` measures how fast and how well the robot walks on other floors and
 with other bodies, and tunes the walk. Nothing is random here, so `--seed` changes nothing.
@@ -86,7 +86,7 @@ class WalkParameters:
     trunk_height: float  # [m] torso frame above the soles
     trunk_phase: float  # [single steps] by which the trunk is late (< 0: early); −0.5 to 0.5
     trunk_pitch: float  # [rad] forward lean
-    trunk_swing: float  # [-] share of the distance from the middle to the support foot
+    trunk_swing: float  # [-] sideways: share of the distance from middle to support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     pitch_per_step: float  # [rad/m] lean added per metre by which a single step moves the middle
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
@@ -154,11 +154,9 @@ def quintic(start, end, duration):
     v = v1 - v0 - a0 * D
     a = a1 - a0
     # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
-    # To check the solution put D = 1: the rows (20, −8, 1), (−30, 14, −2), (12, −6, 1), halved, are
-    # the inverse of the matrix with the rows (1, 1, 1), (3, 4, 5), (6, 12, 20).
-    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
-    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
-    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
+    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)  # To check this put D = 1: these rows,
+    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)  # halved, are the inverse of
+    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)  # (1, 1, 1), (3, 4, 5), (6, 12, 20)
     return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
 
 
@@ -174,8 +172,7 @@ def polynomial(c, t, order=0):
 class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
-    All poses are seen from one fixed frame: the middle between the feet after a reset. (The origin
-    of the simulators is where the torso was then, trunk_x_offset farther ahead.)
+    All poses are seen from one fixed frame: the middle between the feet after a reset.
     """
 
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
@@ -217,8 +214,8 @@ class WalkEngine:
         return left, compose(left, steps[:, RIGHT])
 
     def moves_on(self, robots):
-        """How far the trunk still goes if the next double step is in place, seen from it [n, 3]: the
-        left foot closes up beside the right one, and the middle of the feet moves. See stage 3."""
+        """How far the middle of the feet still goes if the next double step is in place, seen from
+        this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
         closed, _ = self.landings(right, np.zeros((1, 2, 3)))
         return robot_model.relative((left + right) / 2, (closed + right) / 2)
@@ -549,7 +546,8 @@ def plot_plan(engine, plan, motion, path):
     # Left foot, right foot, trunk; the measured ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
     measured = np.concatenate([soles, torso[:, None, :3]], 1)
-    measured[..., 0] += engine.parameters.trunk_x_offset  # seen from the plan's origin
+    # The simulators' origin is where the torso was after the reset, ahead of the plan's.
+    measured[..., 0] += engine.parameters.trunk_x_offset
     figure = Figure(figsize=(12, 3.8))
     axes = figure.subplots(1, 3)
     titles = "forward: x [m]", "sideways: y [m]", "height: z [m]"
@@ -563,7 +561,9 @@ def plot_plan(engine, plan, motion, path):
     axes[2].set_ylim(-0.01, 0.05)  # the feet only
     names = "left foot", "right foot", "trunk"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle("A double step: planned, dashed: measured. Grey: the support foot changes")
+    figure.suptitle(
+        "A double step: solid as planned, dashed as measured. Grey: the support foot changes"
+    )
     robot_model.save_figure(figure, path)
 
 
@@ -572,11 +572,11 @@ def plot_walks(poses, commanded, path, title):
     axis = Figure(figsize=(9, 4.2)).subplots()
     for k, (name, walked) in enumerate(zip(WALKS, poses)):
         x, y, yaw = walked.T
-        axis.plot(x, y, f"C{k + 2}", label=name)
-        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", width=0.003, scale=25)
+        axis.plot(x, y, f"C{k + 2}.-", label=name)
+        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", width=0.003, scale=50)
     axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
-    axis.margins(0.15)  # the arrows need it
+    axis.margins(0.1)  # the arrows need it
     axis.legend()
     robot_model.save_figure(axis.figure, path)
 

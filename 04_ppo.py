@@ -6,12 +6,12 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
 
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken:                          `learn`
-        (1) N robots take T double steps each, at random by π         `collect`
+        (1) a rollout: N robots take T double steps each, by π        `collect`
         (2) judge every action: its advantage A, by V                 `judge`, `gae`
         (3) improve both networks, with every sample ten times:       `improve`
             ρ = π(a|s) / π_old(a|s),  Â = A, standardised
             L = mean min(ρ·Â, clip(ρ, 1 ± ε)·Â)                       `clipped_objective`
-            a step of Adam that lowers −L + c_V·mean (V − target)²,
+            a gradient step (of Adam) lowers −L + c_V·mean (V − target)²,
             target: our best estimate of the return, V + A
         (4) log how the episodes ended                                `episode_means`
 
@@ -36,11 +36,11 @@ with respect to these. First for one decision (for continuous actions Σ is an i
   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
   A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
   So we may subtract b = V(s). The result is the same on average, with less noise: E[A·∇ln π].
-An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t, a_t).
-So the logarithm is a sum, and the terms of the world, ln p, do not depend on our parameters. The
-gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. Two details: the rewards before a decision do
-not depend on its action, so they drop out like b. And strictly, the gradient of decision t has the
-factor γᵗ. Nearly everybody leaves it out, since with it late decisions would hardly be learned.
+An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t, a_t),
+where p is what the world does. So the logarithm is a sum, and the terms of the world, ln p, do not
+depend on our parameters. The rewards before a decision do not depend on its action, so they drop
+out like b. The gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. (We leave out a
+factor γᵗ, as nearly everybody does: with it late decisions would hardly be learned.)
 Following this gradient makes good actions more likely and bad ones less.
 PPO uses a sample several times while the policy moves on, so it weights the sample by the ratio
 ρ = π(a|s) / π_old(a|s); at ρ = 1 the gradient of ρ·A is A·∇ln π again. It clips ρ, so that a
@@ -119,8 +119,7 @@ class PPOConfig:
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
-    """Linear layers with tanh between them. The first weights are random as in [8]: a matrix with
-    orthogonal rows or columns, whichever are fewer, of length √2."""
+    """Linear layers with tanh between them. The first weights are random and orthogonal, as in [8]."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
         linear = nn.Linear(inputs, outputs, dtype=torch.float32)
@@ -146,14 +145,12 @@ class ActorCritic(nn.Module):
         self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # The first policy. The last weights are small, so it depends on the bias and hardly on the
-        # observation. So we invert `policy` for the bias: the mode should be first_action, a
-        # number or [act_dim], kept within 0.01 … 0.99.
-        # m = 1 / (1 + e⁻ˣ) (sigmoid), so x = ln(m / (1 − m)) (logit);
-        # c − 2 = ln(1 + eˣ) (softplus), so x = ln(e^(c − 2) − 1)
+        # The last weights are small, so the first outputs x are nearly the bias. The bias is chosen
+        # so that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
+        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
         mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
         narrow = torch.full_like(mode, concentration - 2.0)
-        self.actor[-1].bias.data = torch.cat([mode.logit(), narrow.expm1().log()])
+        self.actor[-1].bias.data = torch.cat([mode.logit(), narrow.expm1().log()])  # solved for x
 
     def value(self, obs):
         """The critic's V(s): [..., obs] -> [...]."""

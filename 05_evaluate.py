@@ -540,7 +540,9 @@ def names_in(path, **wanted):
     names = runpy.run_path(str(path), run_name=path.as_posix())
     for name, kind in wanted.items():
         if not isinstance(names.get(name), kind):
-            raise InputError(f"{path}: needs a {name} that is a {kind.__name__}")
+            raise InputError(
+                f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
+            )
     return [names[name] for name in wanted]
 
 

@@ -248,8 +248,13 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
         plan = engine.plan(np.zeros((1, 2, 3)), [0])
         (feet,) = plan.feet  # [T + 1, 2, 4]
         want = np.broadcast_to(stands, (len(feet), 2, 3))
-        close(feet[..., [0, 1, 3]], want, "zeros: each foot lands where it was")
+        close(
+            feet[..., [0, 1, 3]], want, "zeros: each foot lands where it was; columns: x, y, z, yaw"
+        )
         rise = feet[..., 2]
+        assert rise.min() > -1e-9, (
+            "a foot goes below the floor: is the descent the ascent backwards?"
+        )
         close(rise.max(0), p.foot_rise, "half way it is as high as foot_rise", rtol=0.1)
         close(rise.min(-1), 0, "one foot is always on the ground, z = 0")
         hint = "half of the swing up, half of it down: a foot lands at height 0"
@@ -270,11 +275,12 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
     close(
         left[:, [0, 1, 3]],
         start + np.outer(share, engine.feet[0, 0] - start),
-        "x, y and yaw wait during the double support, then go from rest to rest, and at both ends "
-        "without acceleration: degree five, for a cubic brakes most at the end",
+        "x, y and yaw (columns 0, 1 and 3) wait for double_support · half, not rounded to ticks, then "
+        "go from rest to rest, and at both ends without acceleration: is it a quintic?",
     )
     in_the_air = (0 < time) & (time < 1)
-    equal(left[:, 2] > 1e-9, in_the_air, "it leaves the ground after the double support only")
+    hint = "z > 0 from the end of the double support to the landing, and only there"
+    equal(left[:, 2] > 1e-9, in_the_air, hint)
     equal(left[~in_the_air, 2], 0, "it stands on the ground, z = 0")
     sinks = np.abs(np.diff(left[:, 2]))
     assert sinks[-1] < 0.1 * sinks.max(), "the foot should land at rest"

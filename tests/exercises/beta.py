@@ -1,7 +1,5 @@
 """Exercise: the Beta distribution of stage 4 by hand. PyTorch's own is what grades it.
 
-    python -m pytest tests --stages=exercises -k "beta_log_prob or beta_mode or beta_entropy"
-
 α, β > 0 are tensors [..., k], one pair for each of k independent variables x in [0, 1].
 """
 
@@ -23,14 +21,14 @@ def beta_log_prob(x, alpha, beta):
 
 def beta_mode(alpha, beta):
     """The maximum of the density for α, β ≥ 1; 0.5 where it is flat (α = β = 1: 0/0)."""
-    # mode = (α − 1) / ((α − 1) + (β − 1))
+    # mode = (α − 1) / (α + β − 2)
     left, right = alpha - 1, beta - 1
     flat = left + right == 0
     return torch.where(flat, torch.full_like(left, 0.5), left / (left + right + flat))
 
 
 def beta_entropy(alpha, beta):
-    """[..., k] -> [...] [nats]; 0 for the uniform distribution, negative for every other one."""
+    """[..., k] -> [...] [nats]; 0 for the uniform distribution."""
     # H = ln B(α, β) − (α−1)·ψ(α) − (β−1)·ψ(β) + (α+β−2)·ψ(α+β),  ψ: digamma
     psi = torch.digamma
     each = (
