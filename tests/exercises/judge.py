@@ -107,10 +107,12 @@ def ranking(found):
             cells.append(f"{time}; {{fall:.3f}}, {{timeout:.3f}}".format(**row))
         cells += [f"{stays(found[name]):.2f}", *(f"{row['fall']:.3f}" for row in pushed)]
         cells.append("{:.1f} [{:.1f}, {:.1f}]".format(score, *ends))
+        low, high = interval(found[name][:2], found.get("baseline_tuned", found[name])[:2])
+        cells.append("fewer" if high < 0 else "more" if low > 0 else "—")
         lines.append(" | ".join(cells))
     head = (
         "place | planner | near: time, median; shares of falls, time-outs | far: the same | still there "
-        f"| {'falls when pushed | ' * len(pushed)}points [95 % interval]"
+        f"| {'falls when pushed | ' * len(pushed)}points [95 % interval] | than `baseline_tuned`"
     )
     return common.markdown(head, lines)
 
@@ -202,11 +204,14 @@ class Contestant:
             self.pipe.send((method, argument))
             watch.cancel()
             if not self.pipe.poll(min(patience, self.left)):
-                raise LeftOut(f"no answer within {patience:.0f} s, or {TOTAL} s in all")
+                limit = f"{patience:.0f} s" if patience < self.left else f"{TOTAL} s in all"
+                raise LeftOut(f"no answer within {limit}")
             self.left -= time.monotonic() - begin
             return self.pipe.recv_bytes(size)
         except (EOFError, OSError) as error:
-            raise LeftOut("its process has ended, see above, or sent too much") from error
+            raise LeftOut(
+                "its program has ended (its error is in the judge's output), or sent too much"
+            ) from error
         finally:
             watch.cancel()
 
