@@ -346,8 +346,9 @@ def found(data):
         f"has {exact['plan']:.1f} s on average. The policy takes {exact['time_mean']:.1f} s without noise "
         f"and {noisy['time_mean']:.1f} s with it.",
         "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} walks "
-        f"to near goals and in {far['falls']} of {pooled['goals']:,} to far ones. Pushed by 0.4 m/s "
-        f"every 3 s on average, it fell in {fallen([pushed])} far walks.",
+        f"to near goals and in {far['falls']} of {pooled['goals']:,} to far ones.",
+        "pooled, pushed": "With pushes of 0.4 m/s every 3 s on average, the robot fell in "
+        f"{fallen([pushed])} far walks.",
         "trainings": f"The policies of all {len(ratios) // 2} trainings take "
         f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert` on 500 near and "
         "500 far goals of the evaluation.",
