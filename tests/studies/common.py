@@ -424,12 +424,12 @@ def readme_result(rows):
     near, _, _ = saved("mujoco", False, "expert")
     far, (faster, slower), _ = saved("mujoco", True, "expert")
     plane, _, shown = saved("pymunk", False, "expert")
-    shown = "" if shown else ", which shows no difference"
+    shown = "" if shown else ": perhaps nothing"
     arrived = min(row["success"] for row in pick(rows, noise=True))
     told = [
         f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (in brackets: 95 % "
         f"intervals). To far goals it is sooner in {faster} of the walks, and later in {slower}. "
-        f"{said('seeds')['trainings']} On the plane, to near goals, it saves only {plane}{shown}.",
+        f"{said('seeds')['trainings']} In 2-D, to near goals, it saves {plane}{shown}.",
         f"With every planner at least {share(arrived, 1)} of the walks succeed. {said('seeds')['pooled']} "
         f"{said('kicks')['hard']}",
         f"{said('kicks')['slow']} {said('transfer')['zeros']}",
@@ -469,8 +469,8 @@ def readme_findings():
     kicks, elsewhere = map(said, ("kicks", "transfer"))
     return bullets(
         [
-            f"*Steps that answer a push keep the robot up.* {kicks['pushed']}",
-            f"*Elsewhere.* {elsewhere['models']}",
+            f"*Steps that answer a push prevent most falls.* {kicks['pushed']}",
+            f"*Elsewhere.* {elsewhere['models']} {elsewhere['engines']}",
         ]
     )
 

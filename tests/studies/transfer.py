@@ -210,10 +210,10 @@ def found(data):
 
     without = [f"{MENDED}, {name}" for name in OFF]
     return {
-        "models": "In another physics engine (PyBullet) the robot arrives with the same policy at "
-        f"{count('success', BULLET)} far goals. In the model made by the robot's own team it arrives at "
+        "models": "In another physics engine (PyBullet) the robot arrives at "
+        f"{count('success', BULLET)} far goals, in its team's model at "
         f"{count('success', PUBLISHED)}.",
-        "engines": f"On the same far goals the policy takes {time('policy', BULLET)} in PyBullet and "
+        "engines": f"On the same goals the policy takes {time('policy', BULLET)} in PyBullet and "
         f"{time('policy', OWN)} in our model, `expert` {time('expert', BULLET)} and {time('expert', OWN)}.",
         "answers": "After a mistake in the team's file is mended, the robot arrives at "
         f"{count('success', MENDED)}. With pushes of 0.4 m/s it falls there in "
