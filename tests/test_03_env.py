@@ -27,21 +27,20 @@ WALK = walk_engine.TUNED["pymunk"]
 STEPS = {"capture": 1.0, "wait": 30.0}  # it answers a lean strongly: a double step may take longer
 
 
-def motion(poses, fell=False):
-    """A Motion that ends at these poses [n, 3], for a physics that does as the test says."""
+def motion(poses, fell=False, waits=0):
+    """A Motion that ends at these poses [n, 3], for a physics that does as the test says. It takes
+    so many ticks more than usual."""
     n = len(poses)
     torso = np.zeros((n, 1, 6))
     torso[:, 0, robot_model.GROUND] = poses
-    torso[:, 0, 2] = 0.38
-    ticks = np.full(n, 2 * WALK.half_ticks)
+    ticks = np.full(n, 2 * WALK.half_ticks + waits)
     return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.full(n, fell), ticks)
 
 
 def follow(world, poses, fell=False, waits=0):
-    """From now on its physics does this, whatever is planned: see `motion`; waits: so many ticks
-    more. Returns the list of the Disturbances that it will be told."""
-    done, told = motion(poses, fell), []
-    done.ticks += waits
+    """From now on its physics does this, whatever is planned: see `motion`. Returns the list of the
+    Disturbances that it will be told."""
+    done, told = motion(poses, fell, waits), []
 
     def run(robots, plan, disturbance):
         told.append(disturbance)
@@ -352,7 +351,6 @@ def test_noise_has_the_size_of_the_task_and_off_means_exact():
     close(look(exact), goal)
     close(exact.look(robots).goal, goal, "also a second look")
     seen = np.array([look(noisy) for _ in range(100)])  # [100, 30, 3]
-    assert np.all(np.abs(seen[..., 2]) <= math.pi), "wrap the noisy yaw"
     error = robot_model.wrap(seen - goal) / [TASK.noise_m, TASK.noise_m, TASK.noise_rad]
     close(error.std((0, 1)), 1, "the size is that of the task", rtol=0.06)
     close(error.mean((0, 1)), 0, atol=0.08)
@@ -452,14 +450,13 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(sim):
 
 @cache
 def disturbances(sim):
-    """What robots meet in 2,400 double steps: pushes [N] and errors of the IMU, [K, n, T, ...]
+    """What 100 robots meet in 24 double steps: pushes [N] and errors of the IMU, [24, 100, T, ...]
     each; and their world."""
-    n, steps = (300, 8) if sim == "mujoco" else (40, 60)
-    world, robots = FootstepWorld(n, sim, push=0.4), np.arange(n)
-    told = follow(world, np.zeros((n, 3)))
+    world, robots = FootstepWorld(100, sim, push=0.4), np.arange(100)
+    told = follow(world, np.zeros((100, 3)))
     world.reset(robots, [stream("training", i) for i in robots])
-    for _ in range(steps):
-        world.step(np.full((n, 6), 0.5), robots)
+    for _ in range(24):
+        world.step(np.full((100, 6), 0.5), robots)
     return np.array([one.push for one in told]), np.array([one.imu for one in told]), world
 
 
@@ -499,12 +496,12 @@ def test_all_robots_can_be_pushed_as_a_double_step_begins():
 def test_the_gyro_has_an_offset_for_an_episode_and_the_imu_noise_at_every_tick():
     _, imu, world = disturbances("mujoco")
     usual = world.engine.period_ticks
-    error = imu[:, :, :usual].swapaxes(1, 2).reshape(-1, 300, 4)  # [496, 300, 4] tick by tick
+    error = imu[:, :, :usual].swapaxes(1, 2).reshape(-1, 100, 4)  # [1488, 100, 4] tick by tick
     error[..., 2:] -= world.gyro_offset
     noise = error / ([TASK.imu_rad] * 2 + [TASK.imu_rad_s] * 2)
-    close(noise.mean(0), 0, "the same offset in all of an episode", atol=0.22)
+    close(noise.mean(0), 0, "the same offset in all of an episode", atol=0.12)
     close(noise.std((0, 1)), 1, "the size is that of the task", rtol=0.02)
-    assert related(noise) < 0.02, "anew at every tick, for each of its four numbers"
+    assert related(noise) < 0.01, "anew at every tick, for each of its four numbers"
     parts = np.quantile(world.gyro_offset, [0, 0.25, 0.75, 1])
     close(parts / Spread().gyro, [-1, -0.5, 0.5, 1], "evenly within the spread", atol=0.1)
 
@@ -639,9 +636,8 @@ def test_a_misspelt_setting_or_option_is_an_error():
     one.render()  # before the first reset, too
     with pytest.raises(TypeError, match="goal'"):
         one.reset(options={"goal": [[1.0, 0, 0]]})
-    _, reward, *_, info = one.step(one.world.neutral_action)
+    *_, info = one.step(one.world.neutral_action)
     assert {type(info[name]) for name in ("success", "fall", "timeout", "time")} == {bool, float}
-    close(sum(info[name] for name in FORMULAS), reward, "its terms stand in the info, by name")
 
 
 IN, OUT, FALL = (0.0, 0), (0.2, 0), "falls, inside"  # from the goal [m], [°]
