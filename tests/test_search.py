@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
+from unittest import mock
 
 import common
 import numpy as np
@@ -16,10 +17,11 @@ env, robot_model = common.env, common.robot_model
 LIMITS = env.LIMITS["pymunk"]
 
 
-HERE = replace(env.Task(), success_m=0.0, success_rad=0.0)  # nothing but the goal itself
+HERE = env.Task(success_m=0.0, success_rad=0.0)  # nothing but the goal itself
 
 # stay, go, turn left, a right-hand curve: in cells and quarter turns
 LATTICE = np.array([(0, 0, 0), (1, 0, 0), (0, 0, 1), (2, 1, -1)])
+LATTICE = LATTICE * (search.CELL, search.CELL, math.pi / 2)  # [m, m, rad]
 
 ODD = np.array([  # not in whole cells
     (0.13, 0, 0), (-0.07, 0, 0), (0.02, 0.06, 0), (0.02, -0.06, 0),
@@ -43,10 +45,8 @@ def test_steps_to_go_obeys_its_equation(small_map):
     value = search.steps_to_go(ODD, env.Task())
     k, i, j = np.indices((12, 19, 19))
     poses = np.stack([(i - 9) * 0.05, (j - 9) * 0.05, k * math.radians(30)], -1)
-    (x, y, yaw), (ahead, aside, turn) = np.moveaxis(poses[..., None, :], -1, 0), ODD.T
-    x = x + np.cos(yaw) * ahead - np.sin(yaw) * aside
-    y = y + np.sin(yaw) * ahead + np.cos(yaw) * aside
-    after = np.stack([x, y, yaw + turn], -1)  # [..., A, 3]
+    after = poses[..., None, :] + ODD  # [..., A, 3]
+    after[..., :2] = poses[..., None, :2] + robot_model.turned(ODD[:, :2], poses[..., None, 2])
     left = search.look_up(value, after)  # [..., A]
     left[np.abs(after[..., :2]).max(-1) > 0.45 + 1e-9] = search.FAR
     want = np.minimum(search.FAR, 1 + left.min(-1))
@@ -94,10 +94,6 @@ def test_look_up_closes_the_circle_of_yaws(small_map):
         close(found, expected, f"{yaw}°: after the last yaw, the first", atol=1e-4)
 
 
-STEPS = np.zeros((len(LATTICE), 2, 3))
-STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.low[0]
-
-
 @pytest.mark.parametrize("change, x, last, moves, why", [
     (1.0, 0.0, 0, [0], "it stays at the goal"),
     (0.25, -0.2, 0, [1], "four cells: best is to go"),
@@ -109,26 +105,25 @@ STEPS[:, 0, 0] = 0.2 * np.arange(4) * (LIMITS.high[0] - LIMITS.low[0]) + LIMITS.
 def test_search_decides(small_map, change, x, last, moves, why):
     """The robot stands at x, seen from the goal, and has just taken this move of LATTICE."""
     small_map(half=9, turns=4)
-    lattice = LATTICE * (search.CELL, search.CELL, math.pi / 2)  # [m, m, rad]
-    planner = search.Planner((STEPS, lattice, search.steps_to_go(lattice, HERE), change))
-    actions = env.to_action(STEPS, LIMITS)  # they differ by 0.2 from one to the next
-    goal = robot_model.relative(np.array([[x, 0, 0]]), np.zeros(3))
-    (action,) = planner.act(view(goal, actions=np.stack([actions[[last]]] * 2, 1)))
+    actions = np.zeros((4, 6))
+    actions[:, 0] = 0.2 * np.arange(4)  # they differ by 0.2 from one to the next
+    steps = env.to_footsteps(actions, LIMITS)
+    planner = search.Planner((steps, LATTICE, search.steps_to_go(LATTICE, HERE), change))
+    (action,) = planner.act(view([[-x, 0, 0]], actions=actions[None, [last]]))
     assert np.abs(actions - action).max(-1).argmin() in moves, why
 
 
 def test_search_writes_the_map_that_its_planner_reads_and_refuses_others(tmp_path, monkeypatch):
     steps = search.double_steps(LIMITS, 0.5)
-    value = np.tile(np.hypot(*np.mgrid[-12:12:129j, -12:12:129j]), (36, 1, 1))
-    known = steps, steps.sum(1) * [1, 1, 0], value, 0.2
+    value = np.random.default_rng(0).uniform(0, 25, (36, 129, 129))
+    known = steps, steps[:, 0], value, 0.2
     (tmp_path / "pymunk").mkdir()
-    quick = {"make_map": lambda *_: known[:3], "FACTORS": [0.5], "CHANGES": [0.2], "WALKS": 1}
-    for name, instead in quick.items():
-        monkeypatch.setattr(search, name, instead)
     short = partial(common.world, num_robots=1, task=env.Task(time_limit=5.0))
     monkeypatch.setattr(common, "world", short)
     args = SimpleNamespace(sim="pymunk", out=tmp_path / "pymunk" / "studies")
-    assert [row["chosen"] for row in search.study(args)] == [True], "the best of one"
+    quick = {"make_map": lambda *_: known[:3], "FACTORS": [0.5], "CHANGES": [0.2], "WALKS": 1}
+    with mock.patch.multiple(search, **quick):
+        assert [row["chosen"] for row in search.study(args)] == [True], "the best of one"
     monkeypatch.setattr(common, "RESULTS", tmp_path)
     for wrote, read in zip(known, search.read_map(LIMITS)):
         close(read, wrote, "V: in twentieths of a step", atol=0.026)
