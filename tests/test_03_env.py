@@ -205,7 +205,7 @@ def potentials(goals, task=TASK):
     """The three quantities Φ [n] of goals (x, y, α) [n, 3] that a reward pays the changes of."""
     x, y, yaw = goals.T
     d, beta = np.hypot(x, y), np.arctan2(y, x)
-    alpha = np.arctan2(np.sin(yaw), np.cos(yaw))  # wrapped
+    alpha = robot_model.wrap(yaw)
     near = np.exp(-((d / task.near_m) ** 2))
     return {
         "r_d": -task.s_d * d,
@@ -219,7 +219,7 @@ def by_hand(before, after, action, last, fall, success, task, periods, margin):
     old, new = potentials(before, task), potentials(after, task)
     return {
         **{name: new[name] - old[name] for name in old},
-        "r_c": -task.s_c * sum((action[:, k] - last[:, k]) ** 2 for k in range(6)),
+        "r_c": -task.s_c * ((action - last) ** 2).sum(1),
         "r_fall": np.where(fall, -task.s_fall, 0),
         "r_goal": np.where(success, task.s_goal, 0),
         "r_time": -task.s_time * periods,
@@ -299,7 +299,7 @@ def test_discounted_progress_telescopes():
     # Σ γᵗ·(Φ_{t+1} − Φ_t) = γᵀ·Φ_end − Φ_start + (1 − γ)·Σ γᵗ·Φ_{t+1},  t = 0 … T − 1
     path = default_rng(9).uniform([-1, -1, -3], [1, 1, 3], (21, 3))  # T = 20
     still, never = np.zeros((20, 6)), np.zeros(20, bool)
-    gamma = 0.95  # as in stage 4
+    gamma = 0.95  # as in stage 4; any other one would do
     factors = gamma ** np.arange(20)
     parts = env.reward_terms(path[:-1], path[1:], still, still, never, never, TASK)
     for name, phi in potentials(path).items():
@@ -422,12 +422,8 @@ def test_estimate_correct_by_hand():
 
 @BOTH
 def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(sim):
-    envs, rng, settings = (
-        FootstepVectorEnv(3, sim, noise=True),
-        default_rng(0),
-        {"goals": [[2.0, 0, 0]] * 3},
-    )
-    world = envs.world
+    envs, settings = FootstepVectorEnv(3, sim, noise=True), {"goals": [[2.0, 0, 0]] * 3}
+    world, rng = envs.world, default_rng(0)
 
     def follows(robots, plan, disturbance):  # exactly the plan
         trunk = plan.trunk[..., robot_model.GROUND]

@@ -45,7 +45,7 @@ def test_steps_to_go_obeys_its_equation(small_map):
     value = search.steps_to_go(ODD, env.Task())
     k, i, j = np.indices((12, 19, 19))
     poses = np.stack([(i - 9) * 0.05, (j - 9) * 0.05, k * math.radians(30)], -1)
-    after = poses[..., None, :] + ODD  # [..., A, 3]
+    after = poses[..., None, :] + ODD  # [..., A, 3] so it is for the yaw; x and y are turned:
     after[..., :2] = poses[..., None, :2] + robot_model.turned(ODD[:, :2], poses[..., None, 2])
     left = search.look_up(value, after)  # [..., A]
     left[np.abs(after[..., :2]).max(-1) > 0.45 + 1e-9] = search.FAR
