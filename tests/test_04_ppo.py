@@ -4,9 +4,8 @@ import copy
 import inspect
 import itertools
 import math
-import random
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +17,7 @@ import pytest
 import torch
 from checks import close, equal, locked
 from numpy.random import default_rng
+from torch.nn.utils import parameters_to_vector
 
 ppo = import_module("04_ppo")
 env, InputError = ppo.env, ppo.robot_model.InputError
@@ -34,14 +34,14 @@ def own_folder(tmp_path, monkeypatch):
 
 
 def brute_force_advantages(r, v, v_next, terminated, truncated, gamma, lam):
-    """A_t = Σ_l (γλ)^l δ_{t+l}, written as the double sum, for one environment."""
-    advantages = np.zeros(len(r))
+    """A_t = Σ_l (γλ)^l δ_{t+l}, written as the double sum; everything [T, N]."""
+    delta = r + gamma * np.where(terminated, 0, v_next) - v
+    advantages = np.zeros(r.shape)
     for t in range(len(r)):
+        goes_on = np.ones(r.shape[1], bool)
         for n in range(t, len(r)):
-            delta = r[n] + (0.0 if terminated[n] else gamma * v_next[n]) - v[n]
-            advantages[t] += (gamma * lam) ** (n - t) * delta
-            if terminated[n] or truncated[n]:
-                break
+            advantages[t] += goes_on * (gamma * lam) ** (n - t) * delta[n]
+            goes_on &= ~(terminated | truncated)[n]
     return advantages
 
 
@@ -78,9 +78,7 @@ def test_gae_equals_the_double_sum(lam):
         got = ppo.gae(*given, gamma, lam)
         for tensor, array in zip(given, told):
             equal(tensor, array, "what is given must not be written to")
-        for i in range(robots):
-            want = brute_force_advantages(*(x[:, i] for x in told), gamma, lam)
-            close(got[:, i], want, hint, atol=1e-5, rtol=1e-5)
+        close(got, brute_force_advantages(*told, gamma, lam), hint, atol=1e-5, rtol=1e-5)
 
 
 def test_clipped_objective_truth_table():
@@ -158,14 +156,13 @@ def test_the_decision_is_the_mode():
 @pytest.mark.parametrize("first", [0.3, [0.05, 0.5, 0.95], [0.0, 1.0, 0.5]], ids=str)
 @pytest.mark.parametrize("concentration", [10.0, 3.0, 50.0])
 def test_first_policy_is_around_first_action(first, concentration):
-    obs = default_rng(0).normal(size=(100, 4)).astype(np.float32)
     torch.manual_seed(0)
     model = ActorCritic(4, 3, first_action=first, concentration=concentration)
     assert torch.isfinite(model.actor[-1].bias).all(), (
         "logit(0) is −∞, from where no gradient leads back: clamp the mode to 0.01 … 0.99"
     )
     with torch.no_grad():
-        pi = model.policy(torch.tensor(obs))
+        pi = model.policy(torch.randn(100, 4))
     # Var = m·(1 − m) / (α + β + 1) at the mean m
     total = pi.mean * (1 - pi.mean) / pi.variance - 1
     hint = (
@@ -173,8 +170,7 @@ def test_first_policy_is_around_first_action(first, concentration):
         f"softplus⁻¹(w) = ln(eʷ − 1); last weights small (for first_action = {first})"
     )
     close(total, concentration, hint, rtol=0.05)
-    if concentration == 10:
-        close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
+    close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
 
 
 def test_samples_follow_the_policy_and_values_have_no_extra_axis():
@@ -209,36 +205,33 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
 
 
 class Probe(gym.vector.VectorEnv):
-    """first(rng, n) -> obs [n, 1]; play(obs, action) -> next obs, reward, terminated, truncated."""
+    """Every episode begins with one of the observations `starts`, drawn by chance.
+
+    play(obs [n, 1], action [n, 1]) -> next obs, reward, terminated, truncated.
+    """
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
-    def __init__(self, num_envs, first, play):
-        self.num_envs, self.first, self.play = num_envs, first, play
+    def __init__(self, num_envs, play, starts=np.zeros(1, np.float32)):
+        self.num_envs, self.play, self.starts = num_envs, play, starts
         self.single_observation_space = gym.spaces.Box(-1, 1, (1,))
         self.single_action_space = gym.spaces.Box(0, 1, (1,))
 
+    def first(self):
+        return self.rng.choice(self.starts, (self.num_envs, 1))
+
     def reset(self, seed=None, options=None):
         self.rng = default_rng(seed)
-        self.obs = self.first(self.rng, self.num_envs)
+        self.obs = self.first()
         return self.obs, {}
 
     def step(self, action):
-        assert ((action > 0) & (action < 1)).all(), "actions are shares of what is possible"
         after, reward, terminated, truncated = self.play(self.obs.copy(), action)
         done = terminated | truncated
         infos = {"final_obs": after, "_final_obs": done, "final_info": {}} if done.any() else {}
         # One array for all observations: who wants to keep one has to copy it.
-        self.obs[:] = np.where(done[:, None], self.first(self.rng, self.num_envs), after)
+        self.obs[:] = np.where(done[:, None], self.first(), after)
         return self.obs, reward, terminated, truncated, infos
-
-
-def either(rng, n):  # first observation: 0 or 1
-    return rng.integers(0, 2, (n, 1)).astype(np.float32)
-
-
-def zero(rng, n):
-    return np.zeros((n, 1), np.float32)
 
 
 def paid(reward):
@@ -251,13 +244,14 @@ def paid(reward):
     return play
 
 
+EITHER = np.array([0, 1], np.float32)  # first observations
 constant = paid(lambda obs, action: np.ones(len(obs)))
 
 
-def learn(first, play, updates=15, cfg=SMALL):
-    """The model after so many updates in a probe world; files are written here."""
-    steps = updates * cfg.num_envs * cfg.rollout
-    envs = partial(Probe, first=first, play=play)
+def learn(play, cfg=SMALL, **settings):
+    """The model after 15 updates in a probe world with these settings; files are written here."""
+    steps = 15 * cfg.num_envs * cfg.rollout
+    envs = partial(Probe, play=play, **settings)
     # ppo.improve of now: it may be an exercise
     model, _ = train(cfg, envs, HERE, steps, improve=ppo.improve)
     return model
@@ -268,7 +262,7 @@ def value(model, obs):
 
 
 def test_constant_reward_is_learned_as_the_value():
-    model = learn(zero, constant)
+    model = learn(constant)
     hint = "one step, reward 1, then a fall: V = 1. Does the critic learn? Or look behind a fall?"
     close(value(model, 0), 1.0, hint, atol=0.1)
 
@@ -278,7 +272,7 @@ def test_reward_two_steps_ahead_is_discounted_once():
         end = obs[:, 0] == 1
         return np.ones_like(obs), end.astype(float), end, np.zeros(len(obs), bool)
 
-    model = learn(zero, play)
+    model = learn(play)
     close(value(model, 1), 1.0, atol=0.1)
     close(value(model, 0), 0.5, "V(0) = γ·V(1) with γ = 0.5", atol=0.1)
 
@@ -289,12 +283,12 @@ def test_cut_off_bootstraps_from_its_last_observation_and_a_fall_does_not():
         return np.ones_like(obs), fall.astype(float), fall, ~fall
 
     hint = "V(0) = γ·V(1). 0.00: as after a fall; 0.33: V of the NEXT episode's first observation"
-    close(value(learn(either, play), 0), 0.5, hint, atol=0.07)
+    close(value(learn(play, starts=EITHER), 0), 0.5, hint, atol=0.07)
 
 
 def test_action_goes_to_the_target_of_its_observation():
     play = paid(lambda obs, action: -16 * (action - (0.25 + 0.5 * obs)) ** 2)
-    model = learn(either, play)
+    model = learn(play, starts=EITHER)
     hint = (
         "do observation, action and advantage still belong together after shuffling? Near 1 and "
         "0: the sign of the objective is wrong"
@@ -308,7 +302,7 @@ def test_action_goes_to_the_target_of_its_observation():
 ], ids=["reward", "learning rate"])  # fmt: skip
 def test_numbers_that_are_not_finite_stop_the_training(play, cfg):
     with pytest.raises(InputError, match=r"\Aupdate \d+: the loss is not finite\Z"):
-        learn(zero, play, updates=4, cfg=cfg)
+        learn(play, cfg=cfg)
     assert not (HERE / "policy.pt").exists(), "a policy of nan must not be written"
 
 
@@ -319,20 +313,17 @@ def test_collected_observations_are_followed_by_what_really_followed():
         return after, after[:, 0], end & falls, end & ~falls
 
     # some tasks of Gymnasium observe in double precision
-    envs = Probe(3, lambda rng, n: rng.random((n, 1)), play)
-    begin = envs.reset(seed=0)[0].copy()
-    data, last, infos = ppo.collect(ActorCritic(1, 1), envs, envs.obs, 10)
-    obs, after, ends = data["obs"], data["next_obs"], data["terminated"] | data["truncated"]
-    assert len(infos) == 10
+    envs = Probe(3, play, starts=np.linspace(0.01, 0.99, 99))
+    first, _ = envs.reset(seed=0)
+    data, last, infos = ppo.collect(ActorCritic(1, 1), envs, first, 10)
+    obs, after = data["obs"], data["next_obs"]
+    assert obs.dtype == after.dtype == torch.float32 and len(infos) == 10
     assert data["terminated"].sum(0).tolist() == [3, 0, 0], "a fall each three steps"
     assert data["truncated"].sum(0).tolist() == [0, 3, 3], "a cut-off each three steps"
-    close(obs[0], begin, "copy what you want to keep", atol=1e-6)
-    close(after[-1], last, "obs to go on from", atol=1e-6)
     hint = "behind an end next_obs is the last observation of the OLD episode (final_obs), a copy"
-    close(after, obs + 1, hint, atol=1e-5)
-    assert obs.dtype == after.dtype == torch.float32
-    equal(after[:-1][~ends[:-1]], obs[1:][~ends[:-1]])
-    close(data["reward"], after[..., 0], atol=1e-6)
+    close(after[..., 0], data["reward"], hint, atol=1e-6)
+    close(obs + 1, after, "copy what you want to keep", atol=1e-5)
+    close(after[-1], last, "obs to go on from", atol=1e-6)
 
 
 def test_episode_means_count_ended_episodes_only():
@@ -355,17 +346,15 @@ def test_episode_means_count_ended_episodes_only():
 
 def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
     """Invented data [T, N, …] with actions of this model."""
-    generator = torch.Generator().manual_seed(1)
-    obs = torch.randn(steps, robots, 3, generator=generator)
-    dice = torch.rand(2, steps, robots, generator=generator)
-    torch.manual_seed(2)
+    torch.manual_seed(1)
+    obs, next_obs = torch.randn(2, steps, robots, 3)
     return {
         "obs": obs,
         "action": model.sample(obs),
-        "next_obs": torch.randn(steps, robots, 3, generator=generator),
-        "reward": scale * torch.randn(steps, robots, generator=generator) + shift,
-        "terminated": dice[0] < 0.1,
-        "truncated": dice[1] < 0.1,
+        "next_obs": next_obs,
+        "reward": scale * torch.randn(steps, robots) + shift,
+        "terminated": torch.rand(steps, robots) < 0.1,
+        "truncated": torch.rand(steps, robots) < 0.1,
     }
 
 
@@ -393,7 +382,6 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
             "explained_variance": 1 - (target - v).var() / target.var(),
             "value_loss": ((model.value(obs) - target) ** 2).mean(),
         }
-    assert want["approx_kl"] > 0.005 and want["clip_fraction"] > 0.1, "the test must move a lot"
     assert got.keys() == want.keys()
     for name, number in want.items():
         hint = (
@@ -419,7 +407,7 @@ def test_gradients_are_limited_to_the_maximal_length():
         "every epoch uses all 128 samples, in minibatches of 36, 36, 36, 20"
     )
     hint = "a step is as long as the gradient: scale that of actor and critic together, every time"
-    close(lengths, np.full(12, 0.01), hint, rtol=1e-3)
+    close(lengths, 0.01, hint, rtol=1e-3)
     cfg = replace(cfg, max_grad_norm=1e9)
     ppo.improve(model, Spy(model.parameters(), lr=0.0), rollout(model, scale=1000), cfg)
     free = lengths[12:]
@@ -457,26 +445,23 @@ def test_the_critic_s_weight_is_value_coef(value_coef):
 
 
 def test_advantages_are_normalised():
-    cfg = PPOConfig(minibatch=64, epochs=3, value_coef=0.0, max_grad_norm=1e9)
+    cfg = PPOConfig(minibatch=128, epochs=3, value_coef=0.0, max_grad_norm=1e9)
 
-    def updated(scale, shift):
+    def updated(**rewards):
         model = fresh_model()
         for tensor in model.critic[-1].parameters():
             torch.nn.init.zeros_(tensor)  # V = 0 and every step is the last: A = r
-        data = rollout(model, scale=scale, shift=shift)
+        data = rollout(model, **rewards)
         data["terminated"][:] = True
-        for seed in (torch.manual_seed, np.random.seed, random.seed):  # whichever shuffles
-            seed(3)
         ppo.improve(model, torch.optim.SGD(model.parameters(), lr=0.1), data, cfg)
-        return torch.cat([tensor.flatten() for tensor in model.actor.parameters()]).detach()
+        return parameters_to_vector(model.actor.parameters())
 
-    start = torch.cat([tensor.flatten() for tensor in fresh_model().actor.parameters()])
-    plain = updated(1.0, 0.0)
-    for scale, shift, word in (
-        (100.0, 0.0, "the size of the rewards: divide by std"),
-        (1.0, 50.0, "a constant added to all rewards: subtract the mean"),
+    start, plain = parameters_to_vector(fresh_model().actor.parameters()), updated()
+    for changed, word in (
+        (updated(scale=100.0), "the size of the rewards: divide by std"),
+        (updated(shift=50.0), "a constant added to all rewards: subtract the mean"),
     ):
-        apart = (updated(scale, shift) - plain).norm() / (plain - start).norm()
+        apart = (changed - plain).norm() / (plain - start).norm()
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
 
 
@@ -486,7 +471,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
 
     cfg = replace(SMALL, hidden=(8,), first_concentration=50.0, learning_rate=0.0)
     for world, first in ((Neutral, 0.3), (Probe, 0.5)):  # the neutral action, or else the middle
-        model, _ = train(cfg, partial(world, first=zero, play=constant), HERE, 1)
+        model, _ = train(cfg, partial(world, play=constant), HERE, 1)
         with torch.no_grad():
             pi = model.policy(torch.zeros(1, 1))
         close(pi.mode, [[first]], atol=0.01)
@@ -507,7 +492,7 @@ def test_the_learning_rate_falls_to_zero():
         assert isinstance(model, Mine)
         return {"loss": np.float32(0.5)}
 
-    envs = partial(Probe, first=zero, play=constant)
+    envs = partial(Probe, play=constant)
     _, rows = train(cfg, envs, HERE, 4 * 128 + 1, make_model=Mine, improve=watched)
     assert [row["steps"] for row in rows] == [128, 256, 384, 512, 640], "whole updates, rounded up"
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
@@ -519,24 +504,19 @@ def test_the_learning_rate_falls_to_zero():
 
 
 QUICK = PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
-ONE = replace(QUICK, num_envs=1, rollout=2, minibatch=2)  # one robot
 
 
 def contents():
     return {path.name: path.read_bytes() for path in HERE.iterdir() if path.is_file()}
 
 
-def wandering(num_envs):
+def wander(obs, action):
     """Short episodes with chance in it: where they begin, and (by the action) where they end."""
+    after = np.clip(obs + (action - 0.5), -1, 1)
+    return after, after[:, 0], after[:, 0] > 0.6, after[:, 0] < -0.6
 
-    def first(rng, n):
-        return rng.uniform(-0.5, 0.5, (n, 1)).astype(np.float32)
 
-    def play(obs, action):
-        after = np.clip(obs + (action - 0.5), -1, 1).astype(np.float32)
-        return after, after[:, 0], after[:, 0] > 0.6, after[:, 0] < -0.6
-
-    return Probe(num_envs, first, play)
+wandering = partial(Probe, play=wander, starts=np.linspace(-0.5, 0.5, 1001, dtype=np.float32))
 
 
 def stopped(update, envs=wandering, cfg=QUICK, seed=3, **more):
@@ -550,34 +530,28 @@ def stopped(update, envs=wandering, cfg=QUICK, seed=3, **more):
 def test_a_stopped_training_goes_on_where_its_last_update_ended():
     """Its settings are numbers of numpy, as in a sweep by np.logspace; files hold plain ones."""
     rates, counts = np.logspace(-4, -3, 3), np.arange(9)
-    numbers = {
-        "learning_rate": rates[0],
-        "first_concentration": np.float32(4),
-        "hidden": (counts[8],),
-    }
-    cfg, seed = replace(QUICK, epochs=counts[2], **numbers), counts[3]
+    cfg, seed = replace(QUICK, epochs=counts[2], hidden=(counts[8],)), counts[3]
+    cfg = replace(cfg, learning_rate=rates[0], first_concentration=np.float32(4))
     about = {"limits": env.StepLimits(rates, -rates), "push": rates, "noise": np.bool_(True)}
-    (HERE / "whole").mkdir()
-    _, want = train(cfg, wandering, HERE / "whole", 7 * 64, seed)
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
         stopped(update, wandering, cfg, seed, resume=done > 3, **about)
         assert not (HERE / "policy.pt").exists(), "it is written at the end"
         _, stored = ppo.load_policy(HERE / "checkpoint.pt")
         steps = stored["optimizer"]["state"][0]["step"]
         assert steps == done * 2 * 2, "gradient steps: Adam's state is stored, too"
-    model, rows = train(cfg, wandering, HERE, 7 * 64, seed, resume=True, **about)
-    assert len(rows) == len(want) == 7, "as many updates as without a stop"
-    for name in rows[0]:
-        same_until = 7 if name in ("steps", "learning_rate") else 3
-        found, expected = ([row[name] for row in log[:same_until]] for log in (rows, want))
-        equal(found, expected, name)
-    apart = abs(rows[3]["entropy"] - want[3]["entropy"])
-    assert 0 < apart < 0.2, "fresh episodes: not bit for bit the same, but the same networks"
+    _, rows = train(cfg, wandering, HERE, 7 * 64, seed, resume=True, **about)
     assert not (HERE / "checkpoint.pt").exists()
     _, found = ppo.load_policy(HERE / "policy.pt")
-    plain = {"seed": 3, "push": [*rates], "noise": True}
-    plain["limits"] = {"low": [*rates], "high": [*-rates]}
+    limits = {"low": [*rates], "high": [*-rates]}
+    plain = {"seed": 3, "push": [*rates], "noise": True, "limits": limits}
     assert found.items() >= plain.items()
+    _, want = train(cfg, wandering, HERE, 7 * 64, seed)
+    assert len(rows) == len(want) == 7, "as many updates as without a stop"
+    np.testing.assert_equal(rows[:3], want[:3], "what was done before the stop is kept")
+    for name in "steps", "learning_rate":
+        assert [row[name] for row in rows] == [row[name] for row in want]
+    apart = abs(rows[3]["entropy"] - want[3]["entropy"])
+    assert 0 < apart < 0.2, "fresh episodes: not bit for bit the same, but the same networks"
 
 
 def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
@@ -597,10 +571,9 @@ def test_a_file_that_cannot_be_written_is_one_line(name):
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
     with locked(name), pytest.raises(InputError, match=said):
         train(QUICK, wandering, HERE, 2 * 64)
-    before = contents()
     with mock.patch("os.replace", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
         ppo.save_policy(HERE / name, ActorCritic(5, 2))
-    assert contents() == before and not list(HERE.glob("*.tmp*")), "no half of a file is left"
+    assert not list(HERE.glob("*.tmp*")), "no half of a file is left"
 
 
 def test_a_seed_is_a_training():
@@ -635,44 +608,35 @@ def test_a_refused_training_is_one_line_and_changes_no_file():
 
 
 def test_stage_5_can_evaluate_a_training_that_still_runs_and_knows_in_what():
-    stopped(2, partial(env.FootstepVectorEnv, task=env.Task(s_c=0.2)), ONE, noise=False)
+    stopped(2, partial(env.FootstepVectorEnv, task=env.Task(s_c=0.2)), noise=False)
     path, world = HERE / "checkpoint.pt", env.FootstepWorld(2)
     planner = import_module("05_evaluate").load_policy(path, world)
     assert planner.act(world.look([0, 1])).shape == (2, 6)
     _, about = ppo.load_policy(path)
-    assert about.items() >= {"seed": 3, "steps": 7 * 64, "noise": False}.items()
-    assert about["config"]["gamma"] == ONE.gamma
-    fits = about["fits"]
-    assert fits["simulator"] == "pymunk" and len(fits["observation"]) == 20
-    assert fits["walk"]["reflex"] == env.walk_engine.TUNED["pymunk"].reflex
-    assert fits["task"]["s_c"] == 0.2 and fits["robot"]["torso"]["mass"] == 3.49
+    assert about["steps"] == 7 * 64 and about["config"]["gamma"] == QUICK.gamma
+    assert about["fits"]["task"]["s_c"] == 0.2
 
 
-@dataclass
 class Foreign:
     """What a file may contain that runs code when it is read carelessly."""
 
-    path: Path
-
     def __reduce__(self):
-        return Path.touch, (self.path,)
+        return Path.touch, (HERE / "touched",)
 
 
 def other_outputs(path):
-    stored = torch.load(path)
-    stored["alpha_and_beta"] = stored.pop("mode_and_concentration")
-    torch.save(stored, path)
+    model = ActorCritic(5, 2)
+    torch.save(model.shape | {"alpha_and_beta": model.state_dict()}, path)
 
 
 @pytest.mark.parametrize("damage", [
     lambda path: path.unlink(),
     lambda path: path.write_bytes(path.read_bytes()[:-3]),
-    lambda path: torch.save({"fits": Foreign(path.with_name("touched"))}, path),
+    lambda path: torch.save({"fits": Foreign()}, path),
     lambda path: torch.save([1, 2], path),
-    lambda path: torch.save(ActorCritic(5, 2).shape, path),
     lambda path: torch.save(torch.load(path) | {"hidden": (8,)}, path),
     other_outputs,
-], ids=["missing", "its end", "code", "list", "no weights", "networks", "outputs"])  # fmt: skip
+], ids=["missing", "its end", "code", "list", "networks", "outputs"])  # fmt: skip
 def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
     path = HERE / "bad.pt"
     ppo.save_policy(path, ActorCritic(5, 2))
