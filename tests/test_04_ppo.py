@@ -1,6 +1,5 @@
 """Stage 4, checked against theory. A failing test names the likely mistake."""
 
-import copy
 import inspect
 import itertools
 import math
@@ -365,8 +364,8 @@ def fresh_model():
 
 def test_numbers_to_watch_are_those_at_the_end_of_the_update():
     cfg = PPOConfig(minibatch=32, epochs=4, gamma=0.9)
-    model = fresh_model()
-    old, data = copy.deepcopy(model), rollout(model)
+    old, model = fresh_model(), fresh_model()
+    data = rollout(model)
     got = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), data, cfg)
     obs, action = data["obs"], data["action"]
     with torch.no_grad():
@@ -434,8 +433,8 @@ def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
 @pytest.mark.parametrize("value_coef", [0.0, 0.5, 2.0])
 def test_the_critic_s_weight_is_value_coef(value_coef):
     cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9, value_coef=value_coef)  # one step
-    model = fresh_model()
-    start, data = copy.deepcopy(model), rollout(model)
+    start, model = fresh_model(), fresh_model()
+    data = rollout(model)
     _, targets, _ = ppo.judge(start, data, cfg)
     ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1e-2), data, cfg)
     (value_coef * ((start.value(data["obs"]).flatten() - targets) ** 2).mean()).backward()
