@@ -11,8 +11,7 @@ from importlib import import_module
 import debug
 import pytest
 from debug import BUGS, ROOT
-from test_scripts import main_of
-from test_workbook import run
+from test_scripts import main_of, python
 
 BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text("utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
@@ -81,7 +80,7 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
         debug.put(name, folder)
         module, begins = catcher(name)
         files = folder.glob(f"tests/**/{module}.py")
-        done = run("-c", IMPORT_THEN_TEST, *files, "-k", f"test_{begins}", cwd=folder)
+        done = python("-c", IMPORT_THEN_TEST, *files, "-k", f"test_{begins}", cwd=folder)
         code, said = done.returncode, done.stdout + done.stderr
         if not said.startswith("imported\n"):
             return f"{name} is not silent: {said}"
@@ -147,7 +146,7 @@ def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, sign
     (tmp_path / "mine.py").write_text(STUDENT_S_TEST.format(sign=sign), "utf-8")
     # A console of Windows, which has ± and no α; and options of the student's own
     surrounding = {"PYTHONIOENCODING": "cp1252", "PYTEST_ADDOPTS": "--tb=short"}
-    done = run(debug.__file__, "mine.py", bug, cwd=tmp_path, **surrounding)
+    done = python(debug.__file__, "mine.py", bug, cwd=tmp_path, **surrounding)
     said = done.stdout + done.stderr
     assert done.returncode == code and says in said, said
     assert ("± 4 rad" in said) == ("must fail" not in says), said

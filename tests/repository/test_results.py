@@ -16,8 +16,7 @@ import numpy as np
 import PIL.Image
 import pytest
 from checks import BOTH, close, equal
-from test_scripts import check_picture, main_of
-from test_workbook import run
+from test_scripts import check_picture, main_of, python
 
 evaluate = import_module("05_evaluate")
 env = evaluate.env
@@ -398,7 +397,7 @@ def test_cheats_win_nothing_and_the_others_are_ranked(tmp_path):
     for name, more in {"good": "", **CHEATS}.items():
         (tmp_path / f"{name}.py").write_text(planner + more, "utf-8")
     flags = "--episodes 2 --seed 3 --patience 4 --out".split()
-    done = run(judge.__file__, tmp_path, *flags, tmp_path)
+    done = python(judge.__file__, tmp_path, *flags, tmp_path)
     assert done.returncode == 0, done.stderr
     assert "of mine" in done.stderr, "a student's own error has its traceback"
     left = set(re.findall(r"^(\w+) is left out: ", done.stderr, re.MULTILINE))

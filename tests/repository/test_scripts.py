@@ -21,8 +21,9 @@ from sheet import ROOT
 EXERCISES = ROOT / "tests" / "exercises"
 
 
-def python(*arguments, cwd=ROOT, **environment):
-    """Python with these arguments, in this environment only, and what it prints."""
+def python(*arguments, cwd=ROOT, surrounding=os.environ, **more):
+    """Python with these arguments, in this surrounding and more, and what it prints."""
+    environment = {**surrounding, "PYTHONIOENCODING": "utf-8", **more}
     return subprocess.run(
         [sys.executable, *map(str, arguments)],
         cwd=cwd,
@@ -35,10 +36,9 @@ def python(*arguments, cwd=ROOT, **environment):
 
 def run(script, *arguments, folder):
     """A stage in its own process and a bare surrounding: no HOME, no display."""
-    bare = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
-    environment = {name: os.environ[name] for name in bare}
-    environment |= {"LC_ALL": "C", "PYTHONIOENCODING": "utf-8", "MPLBACKEND": "TkAgg"}
-    done = python(ROOT / script, *arguments, cwd=folder, **environment)
+    kept = {"PATH", "SYSTEMROOT", "LD_LIBRARY_PATH"} & os.environ.keys()
+    bare = {name: os.environ[name] for name in kept} | {"LC_ALL": "C", "MPLBACKEND": "TkAgg"}
+    done = python(ROOT / script, *arguments, cwd=folder, surrounding=bare)
     assert done.returncode == 0, f"{script} {arguments}:\n{done.stdout}\n{done.stderr}"
     assert "Traceback" not in done.stderr, done.stderr
     return done

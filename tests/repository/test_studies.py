@@ -25,7 +25,7 @@ import walk
 from checks import close, equal
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
-from test_workbook import run
+from test_scripts import python
 
 robot_model, walk_engine = common.robot_model, common.walk_engine
 env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
@@ -354,7 +354,9 @@ def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
     actors = ["tests/studies/cluster.py", "--only", "train", "--actors", "3"]
     models = []
     for folder, (script, *flags) in {"alone": ["04_ppo.py"], "three": actors}.items():
-        done = run(common.ROOT / script, "--steps", "2048", "--out", folder, *flags, cwd=tmp_path)
+        done = python(
+            common.ROOT / script, "--steps", "2048", "--out", folder, *flags, cwd=tmp_path
+        )
         assert done.returncode == 0, done.stderr
         models.append(ppo.load_policy(tmp_path / folder / "policy.pt"))
     (one, about), (other, of_it) = models

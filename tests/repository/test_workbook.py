@@ -26,18 +26,9 @@ ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
 README = (FOLDER / "README.md").read_text("utf-8")
 
 
-def run(*arguments, cwd=ROOT, **environment):
-    """Python with these arguments, and what it prints."""
-    surrounding = {**os.environ, "PYTHONIOENCODING": "utf-8", **environment}
-    return python(*arguments, cwd=cwd, **surrounding)
-
-
-def grade(folder, *more, **surrounding):
-    return run(
-        *("-m", "pytest", ROOT / "tests", "-p", "no:cacheprovider", "--stages", folder),
-        *more,
-        **surrounding,
-    )
+def grade(folder, *more, cwd=ROOT):
+    flags = "-p", "no:cacheprovider", "--stages", folder
+    return python("-m", "pytest", ROOT / "tests", *flags, *more, cwd=cwd)
 
 
 def last_words(done):
@@ -64,9 +55,10 @@ def test_readme_and_list_agree():
 
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
-        source = sheet.find(Path(file).stem).read_text("utf-8")
+        stem = Path(file).stem
+        source = sheet.find(stem).read_text("utf-8")
         tree = ast.parse(source)
-        for row in (row for row in BOOK.values() if row.file == Path(file).stem):
+        for row in (row for row in BOOK.values() if row.file == stem):
             for function in row.functions:
                 node = sheet.function_in(tree, function)
                 first = 1 if ast.get_docstring(node) else 0
@@ -81,7 +73,7 @@ def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
 
 def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path):
     script, out = FOLDER / "sheet.py", tmp_path / "my exercises"
-    done = run(script, "--out", "my exercises", cwd=tmp_path, PYTHONIOENCODING="cp1252")
+    done = python(script, "--out", "my exercises", cwd=tmp_path, PYTHONIOENCODING="cp1252")
     assert done.returncode == 0, done.stderr
     assert {path.name for path in out.iterdir()} == {f"{row.file}.py" for row in BOOK.values()}
     assert "/exercises/" in (ROOT / ".gitignore").read_text("utf-8"), "a student's work"
@@ -96,10 +88,10 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
     mine, solved = out / "04_ppo.py", out / "05_evaluate.py"
     mine.write_text("# a night's work\n")
     solved.write_text("# solved\n")
-    again = run(script, "--out", out)
+    again = python(script, "--out", out)
     (line,) = again.stderr.splitlines()
     assert again.returncode == 2 and "--force" in line and mine.read_text() == "# a night's work\n"
-    assert run(script, "--out", out, "--force", "--only", "gae").returncode == 0
+    assert python(script, "--out", out, "--force", "--only", "gae").returncode == 0
     assert mine.read_text("utf-8").count("exercise: ") == 1
     assert solved.read_text() == "# solved\n", "files of other exercises stay"
 
@@ -135,30 +127,27 @@ def test_a_stage_may_begin_with_a_byte_order_mark(tmp_path, monkeypatch):
     ids=str,
 )
 def test_a_sheet_that_cannot_be_written_is_one_line(arguments, mention):
-    done = run(FOLDER / "sheet.py", *arguments)
+    done = python(FOLDER / "sheet.py", *arguments)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1, done.stderr
     assert mention in done.stderr
 
 
 def submission(folder, **bodies):
-    """A folder with the files of these exercises only; None: empty, else another body."""
+    """A folder with the files of these exercises only; the first function has another body."""
     folder.mkdir()
     for name, body in bodies.items():
-        row, path = BOOK[name], folder / f"{BOOK[name].file}.py"
+        row = BOOK[name]
+        path = folder / f"{row.file}.py"
         text = path.read_text("utf-8") if path.exists() else text_of(name)
-        text = (
-            sheet.emptied(text, row)
-            if body is None
-            else sheet.replaced(text, row.functions[0], body.splitlines())
-        )
-        path.write_text(text, encoding="utf-8", newline="\n")
+        text = sheet.replaced(text, row.functions[0], body.splitlines())
+        path.write_text(text, "utf-8")
     return folder
 
 
 @pytest.mark.slow
 def test_an_empty_sheet_can_be_graded(tmp_path):
     sheets = tmp_path / "exercises"
-    assert run(FOLDER / "sheet.py", "--out", sheets).returncode == 0
+    assert python(FOLDER / "sheet.py", "--out", sheets).returncode == 0
     done = grade(sheets)
     words = last_words(done)
     assert done.returncode == 1 and f"0 of {len(BOOK)} exercises solved" in words
@@ -172,7 +161,7 @@ def test_an_empty_sheet_can_be_graded(tmp_path):
 def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     folder = submission(
         tmp_path / "alice smith",
-        wrap=None,
+        wrap='raise NotImplementedError("exercise: wrap")',
         compose="return base + pose",
         fallen='import pytest\npytest.skip("later")',
     )
@@ -198,22 +187,19 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
 
 
 @pytest.mark.parametrize("shell, first", [("bash", "for"), ("pwsh", "Get-ChildItem")])
-def test_the_lines_for_teachers_grade_submissions_and_collect_the_marks(tmp_path, shell, first):
+def test_the_lines_for_teachers_grade_submissions_and_collect_the_marks(
+    tmp_path, monkeypatch, shell, first
+):
     if shutil.which(shell) is None or (shell, sys.platform) == ("bash", "win32"):
         pytest.skip(f"no {shell} here")
     (tmp_path / "submissions").mkdir()
     submission(tmp_path / "submissions" / "ada", quintic="return 0")
     (tmp_path / "marks_bob.txt").touch()
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent), os.pathsep)
     for line in re.findall(rf"^{first} .*$", README, re.MULTILINE):
         line = line.replace("=no tests", f"=no {ROOT / 'tests'} -p no:cacheprovider")
-        done = subprocess.run(
-            [shell, "-c", line],
-            cwd=tmp_path,
-            env=os.environ | {"PATH": path},
-            capture_output=True,
-            text=True,
-        )
+        command = [shell, "-c", line]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.splitlines() == [
         "ada: 0 of 2 exercises solved, 0 of 5 stars",
         "marks_bob.txt: no result",
@@ -261,37 +247,28 @@ def pytest_runtestloop(session):
 @pytest.mark.slow
 def test_who_tests_in_several_processes_gets_the_same_grades(tmp_path):
     (tmp_path / "xdist.py").write_text(XDIST, "utf-8")
-    folder = submission(tmp_path / "dan", wilson="return [0, 1]", low_pass=None)
+    folder = submission(tmp_path / "dan", wilson="return [0, 1]", low_pass="return 0")
     told = {"PYTHONPATH": str(tmp_path), "PYTEST_ADDOPTS": "-p xdist -n 2"}
     command = workbook.command('"wilson or low_pass or velocity_command"', folder)
-    words = last_words(run(*shlex.split(command)[1:], **told))  # as the sheets say it
+    words = last_words(python(*shlex.split(command)[1:], **told))  # as the sheets say it
     assert "dan: 1 of 3 exercises solved, 2 of 4 stars" in words, words
 
 
-def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add():
-    def said(message):
-        longrepr = SimpleNamespace(reprcrash=SimpleNamespace(message=message))
-        return grading.hint(SimpleNamespace(nodeid="x.py::test_gae_is_right", longrepr=longrepr))
-
-    assert said("AssertionError: mind the\n  sign\nassert 1 == 2") == "mind the sign"
-    assert (
-        said(
-            "AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
-            "Mismatched elements: 1 / 2 (50%)\nMismatch at index:\n [1]: -3.0 (ACTUAL), 3.0 "
-            "(DESIRED)\nMax absolute"
-        )
-        == "its sign (got -3.0, expected 3.0 at [1])"
-    )
-    assert (
-        said(
-            "AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
-            "  Obtained: -3.0\n  Expected: 3.0"
-        )
-        == "its sign (got -3.0, expected 3.0)"
-    )
-    assert said("ValueError: output array is read-only") == "what is given must not be written to"
-    assert said("assert 1 == 2\n + where") == "gae is right: assert 1 == 2"
-    assert said("TypeError: no such thing") == "TypeError: no such thing"
+@pytest.mark.parametrize("message, said", [
+    ("AssertionError: mind the\n  sign\nassert 1 == 2", "mind the sign"),
+    ("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"
+     "Mismatched elements: 1 / 2 (50%)\nMismatch at index:\n [1]: -3.0 (ACTUAL), 3.0 (DESIRED)\n"
+     "Max absolute", "its sign (got -3.0, expected 3.0 at [1])"),
+    ("AssertionError: its sign\nassert -3.0 == 3.0 ± 1e-9\n  \n  comparison failed\n"
+     "  Obtained: -3.0\n  Expected: 3.0", "its sign (got -3.0, expected 3.0)"),
+    ("ValueError: output array is read-only", "what is given must not be written to"),
+    ("assert 1 == 2\n + where", "gae is right: assert 1 == 2"),
+    ("TypeError: no such thing", "TypeError: no such thing"),
+])  # fmt: skip
+def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add(message, said):
+    longrepr = SimpleNamespace(reprcrash=SimpleNamespace(message=message))
+    report = SimpleNamespace(nodeid="x.py::test_gae_is_right", longrepr=longrepr)
+    assert grading.hint(report) == said
 
 
 @pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
