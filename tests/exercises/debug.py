@@ -39,7 +39,8 @@ def tokens(source):
 
 def exchanged(source, old, new):
     """The source with `new` in the place of `old`, whose tokens must be there once, in any layout."""
-    found, wanted = tokens(source), [one.string for one in tokens(old)]
+    found = tokens(source)
+    wanted = [one.string for one in tokens(old)]
     words = [one.string for one in found]
     count = len(wanted)
     places = [k for k in range(len(words)) if words[k : k + count] == wanted]

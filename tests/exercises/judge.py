@@ -84,7 +84,8 @@ def ranked(found):
 
     A planner has the place of the one before it, unless its points are more, by `interval`, than
     those of the first planner of that place."""
-    field, first = [], ()
+    field = []
+    first = ()
     scores = {name: (stays(rows) < STAYS, points(rows[:2])) for name, rows in found.items()}
     for name in sorted(found, key=scores.get):
         rows, (out, score) = found[name][:2], scores[name]
@@ -98,7 +99,8 @@ def ranked(found):
 
 def ranking(found):
     """The table of the planners in Markdown, see `ranked`."""
-    lines, pushed = [], ()
+    lines = []
+    pushed = ()
     for place, name, score, ends in ranked(found):
         near, far, *pushed = found[name]
         cells = [str(place), f"`{name}`"]
@@ -119,7 +121,8 @@ def ranking(found):
 
 def noisy(folder):
     """Rows with noise by planner, of an evaluation.json; each with its walks: outcomes, seconds."""
-    found, walks = {}, common.read_trials(folder / "trials.csv")
+    found = {}
+    walks = common.read_trials(folder / "trials.csv")
     for row in common.read_json(folder / "evaluation.json")["rows"]:
         if row["noise"]:
             own = walks[row["planner"], True, row["goal_std_m"]]
@@ -288,7 +291,11 @@ def main():
     known = common.read_json(path) if path.is_file() else {}
     stages = [stage.read_bytes() for stage in sorted(ROOT.glob("0*.py"))]
     world = args.seeds, args.episodes, WALKS, stages
-    found, left, walked, each, began = {}, "", 0, "", time.monotonic()
+    found = {}
+    left = ""
+    walked = 0
+    each = ""
+    began = time.monotonic()
     for number, (name, file) in enumerate(entrants.items(), 1):
         try:
             key = sha256(repr((file.read_bytes(), *world)).encode()).hexdigest()

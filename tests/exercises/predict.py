@@ -51,7 +51,9 @@ def concentration(sim):
 
 def reflex(sim):
     """Share of 96 random robots that stay up for eight double steps, by the gain of the reflex."""
-    dice, task, limits = np.random.default_rng(0), env.Task(), env.LIMITS[sim]
+    dice = np.random.default_rng(0)
+    task = env.Task()
+    limits = env.LIMITS[sim]
     plans = dice.uniform(limits.low, limits.high, (96, 8, 2, 3))
     forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
     bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
@@ -67,7 +69,8 @@ def reflex(sim):
             noise = rng.normal(size=(96, ticks, 2))
             disturbance.imu[..., 2:] = (offset + task.imu_rad_s * noise)[robots]
             last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
-            first, way = rng.integers(last + 1, size=96), rng.uniform(0, 2 * np.pi, 96)
+            first = rng.integers(last + 1, size=96)
+            way = rng.uniform(0, 2 * np.pi, 96)
             for row, i in enumerate(robots):
                 push = force * np.cos(way[i]), force * np.sin(way[i])
                 disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push

@@ -33,7 +33,8 @@ def function_in(tree, name):
 def body_of(source, name, since=""):
     """(first, end, indent): lines[first:end] are to be written, all behind the docstring."""
     node = function_in(ast.parse(source), name)
-    after, statements = node.body[0].lineno - 1, list(node.body)
+    after = node.body[0].lineno - 1
+    statements = list(node.body)
     if ast.get_docstring(node) is not None:
         after = statements.pop(0).end_lineno
     while since and not ast.get_source_segment(source, statements[0]).startswith(since):
@@ -83,7 +84,8 @@ def main():
     def refuse(line):
         parser.exit(2, f"{parser.prog}: {line}\n")
 
-    names, out = args.only or list(BOOK), args.out.resolve()
+    names = args.only or list(BOOK)
+    out = args.out.resolve()
     if unknown := [name for name in names if name not in BOOK]:
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     if out in [find(row.file).parent for row in BOOK.values()]:
@@ -105,7 +107,8 @@ def main():
     except OSError as error:
         refuse(f"cannot write to {out}: {error.strerror}")
     for name in names:
-        row, stub = BOOK[name], f'("exercise: {name}")'
+        row = BOOK[name]
+        stub = f'("exercise: {name}")'
         lines = texts[f"{row.file}.py"].splitlines()
         gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
         print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")

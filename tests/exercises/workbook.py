@@ -19,8 +19,11 @@ Exercise = namedtuple(
     defaults=("",),
 )
 
-ROBOT, ENGINE, ENV = "01_robot_model", "02_walk_engine", "03_env"
-PPO, EVALUATE = "04_ppo", "05_evaluate"
+ROBOT = "01_robot_model"
+ENGINE = "02_walk_engine"
+ENV = "03_env"
+PPO = "04_ppo"
+EVALUATE = "05_evaluate"
 
 ROWS = (
     ("wrap", ROBOT, ("wrap",), 1, 10, ("test_01_robot_model", "wrap_")),

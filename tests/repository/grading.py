@@ -53,14 +53,9 @@ def pytest_cmdline_main(config):
                 code = subprocess.run(command, env=os.environ | {"GRADED": str(graded)}).returncode
             except KeyboardInterrupt:
                 return pytest.ExitCode.INTERRUPTED
-            known, stopped = (
-                stopped,
-                [
-                    f"{key} {said}"
-                    for key, (_, said) in read(graded).items()
-                    if said in (ENDS, LATE)
-                ],
-            )
+            known = stopped
+            found = read(graded).items()
+            stopped = [f"{key} {said}" for key, (_, said) in found if said in (ENDS, LATE)]
             if stopped == known:
                 return pytest.ExitCode.TESTS_FAILED if stopped else code
             print(f"\n{stopped[-1]} What is left is graded now.\n", flush=True)
@@ -99,7 +94,8 @@ class Grading:
     """Runs the tests of the chosen exercises and nothing else, and says at last what to mend."""
 
     def __init__(self, config, folder, graded):
-        self.folder, self.chosen = folder, list(BOOK)
+        self.folder = folder
+        self.chosen = list(BOOK)
         words = re.findall(r"\w+", config.option.keyword)
         if words and set(words) <= {"or", *BOOK}:  # names of exercises, not of tests
             self.chosen = [name for name in BOOK if name in words]
@@ -181,7 +177,9 @@ class Grading:
 
     @pytest.hookimpl(trylast=True)
     def pytest_terminal_summary(self, terminalreporter):
-        write, stars, solved = terminalreporter.write_line, 0, 0
+        write = terminalreporter.write_line
+        stars = 0
+        solved = 0
         if self.keyword and not any(names for names, _ in self.found.values()):
             write(
                 f"-k {self.keyword}: no exercise is called like that. There are: {', '.join(BOOK)}"
@@ -190,14 +188,16 @@ class Grading:
         terminalreporter.section(f"what to mend in {self.folder.name}")
         for name in self.chosen:
             results = [said for names, said in self.found.values() if name in names]
-            row, head = BOOK[name], f"{name} {BOOK[name].stars * '★'}"
+            row = BOOK[name]
+            head = f"{name} {BOOK[name].stars * '★'}"
             passed = results.count(None)
             if name not in self.here:
                 write(f"{head}: not handed in, there is no {row.file}.py")
             elif not results:
                 write(f"{head}: not graded, its tests were not run")
             elif passed == len(results):
-                stars, solved = stars + row.stars, solved + 1
+                stars += row.stars
+                solved += 1
                 write(f"{head}: solved, {passed} of {passed} tests pass", green=1)
             else:
                 write(f"{head}: {passed} of {len(results)} tests pass", red=1)
@@ -244,7 +244,8 @@ def hint(report):
     # Without a message: what the test is called, and what it found.
     words = report.nodeid.split("::")[-1].removeprefix("test_").replace("_", " ")
     said = " ".join(message.split()) or f"{words}: {text.partition(chr(10))[0] or 'failed'}"
-    for found in filter(None, (re.search(numbers, text, re.M) for numbers in NUMBERS)):
-        *place, got, expected = (re.sub(r"(\.\d{7})\d+", r"\1", part) for part in found.groups())
-        return f"{said} (got {got}, expected {expected}{''.join(f' at [{i}]' for i in place)})"
+    for numbers in NUMBERS:
+        if found := re.search(numbers, text, re.M):
+            *at, got, expected = (re.sub(r"(\.\d{7})\d+", r"\1", part) for part in found.groups())
+            return f"{said} (got {got}, expected {expected}{''.join(f' at [{i}]' for i in at)})"
     return said

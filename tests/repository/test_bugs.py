@@ -79,7 +79,8 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
         module, begins = catcher(name)
         files = folder.glob(f"tests/**/{module}.py")
         done = python("-c", IMPORT_THEN_TEST, *files, "-k", f"test_{begins}", cwd=folder)
-        code, said = done.returncode, done.stdout + done.stderr
+        code = done.returncode
+        said = done.stdout + done.stderr
         if not said.startswith("imported\n"):
             return f"{name} is not silent: {said}"
         if code != 1 or "AssertionError" not in said:
@@ -106,7 +107,8 @@ def test_a_bug_that_cannot_be_put_is_one_line(tmp_path, monkeypatch, capsys):
 
 
 def test_the_copy_of_a_read_only_folder_can_be_written(tmp_path, monkeypatch):
-    shared, copy = tmp_path / "shared", tmp_path / "copy"
+    shared = tmp_path / "shared"
+    copy = tmp_path / "copy"
     (shared / "tests").mkdir(parents=True)
     for path in shared / "04_ppo.py", shared / ".pytest.ini", shared / "tests" / "checks.py":
         path.touch(0o444)

@@ -6,7 +6,6 @@ import re
 import sys
 from argparse import Namespace
 from functools import cache
-from importlib import import_module
 from itertools import product
 from types import SimpleNamespace
 
@@ -17,11 +16,9 @@ import numpy as np
 import PIL.Image
 import pytest
 from checks import BOTH, close, equal
+from common import RESULTS, ROOT, env, evaluate, robot_model
 from test_scripts import check_picture, main_of, python
 
-evaluate = import_module("05_evaluate")
-env = evaluate.env
-ROOT, RESULTS = common.ROOT, common.RESULTS
 LONGEST = {
     "README.md": 160,
     "results/STUDIES.md": 230,  # lines
@@ -33,7 +30,7 @@ LONGEST = {
     "tests/exercises/teaching.md": 125,
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
-README, STUDIES = TEXTS["README.md"], TEXTS["results/STUDIES.md"]
+README = TEXTS["README.md"]
 
 
 def shipped(sim, name):
@@ -49,7 +46,7 @@ def shipped_trials(sim):
 # ------------------------------------------------------------------------ pages
 def test_the_world_is_told_as_it_is():
     task = env.Task()
-    robot = env.robot_model.RobotModel()
+    robot = robot_model.RobotModel()
     walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
     leg = robot.hip, robot.thigh, robot.shin, robot.foot
     readme = " ".join(README.split())
@@ -112,7 +109,8 @@ def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
 @BOTH
 def test_evaluation_agrees_with_its_trials(sim):
     """Everything in evaluation.json is computed again; trials.csv has times with two decimals."""
-    found, runs = shipped(sim, "evaluation.json"), shipped_trials(sim)
+    found = shipped(sim, "evaluation.json")
+    runs = shipped_trials(sim)
     rows = [evaluate.summary(*key, ended) for key, ended in runs.items()]
     again = json.loads(json.dumps(rows + evaluate.compare(runs)))  # tuples become lists
     for old, new in zip(found["rows"] + found["ratios"], again, strict=True):
@@ -124,7 +122,8 @@ def test_evaluation_agrees_with_its_trials(sim):
 
 @BOTH
 def test_all_planners_had_the_same_goals_and_ground(sim):
-    seed, runs = shipped(sim, "evaluation.json")["seed"], shipped_trials(sim)
+    seed = shipped(sim, "evaluation.json")["seed"]
+    runs = shipped_trials(sim)
     for (_, _, std), own in runs.items():
         count = len(own["x"])
         drawn = evaluate.draw_trials(seed, count, std == env.Task.far_std_m)
@@ -220,7 +219,8 @@ def test_a_place_is_shared_unless_the_paired_difference_from_its_first_planner_i
     monkeypatch,
 ):
     dice = np.random.default_rng(0)
-    first, chance = dice.normal(5, 2, 200), dice.normal(0, 1, 200)
+    first = dice.normal(5, 2, 200)
+    chance = dice.normal(0, 1, 200)
     seconds = {
         "first": first,
         "second": first + 0.12 + chance - chance.mean(),  # by chance now sooner, now later
@@ -243,9 +243,7 @@ def test_a_place_is_shared_unless_the_paired_difference_from_its_first_planner_i
         "a comparison without pairs shows no difference"
     )
     figures = []
-    monkeypatch.setattr(
-        judge.robot_model, "save_figure", lambda figure, path: figures.append(figure)
-    )
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: figures.append(figure))
     judge.plot(found, "leaderboard.png")
     labels = [label.get_text() for label in figures[0].axes[0].get_yticklabels()]
     assert labels[-1] == "first: 1" and "third: 3" in labels, "the best on top, with its place"
@@ -254,7 +252,8 @@ def test_a_place_is_shared_unless_the_paired_difference_from_its_first_planner_i
 def test_a_contest_tells_its_time_and_goes_on_where_it_was_stopped(tmp_path, monkeypatch, capsys):
     ada, bob, stage = (tmp_path / name for name in ("ada.py", "bob.py", "03_env.py"))
     out = tmp_path / "out"
-    walked, stopped = [], ["bob"]
+    walked = []
+    stopped = ["bob"]
 
     def walk(name, *_):
         if name in stopped:
@@ -289,7 +288,7 @@ def test_a_contest_tells_its_time_and_goes_on_where_it_was_stopped(tmp_path, mon
     assert contest() == everybody, "in another world what was kept is worth nothing"
     assert contest() == []
     (out / "walks.json").write_text('{"half of a')
-    with pytest.raises(judge.robot_model.InputError, match=r"walks\.json: damaged .* delete it"):
+    with pytest.raises(robot_model.InputError, match=r"walks\.json: damaged .* delete it"):
         contest()
 
 
@@ -314,7 +313,7 @@ def test_odd_names_do_not_end_the_contest(tmp_path, monkeypatch, capsys):
     names = re.findall(r"^\| 1 +\| `(.*?)` +\| ", said.out, re.MULTILINE)  # all are equal
     assert {*names} == {*judge.FIELD, "ada", "Zo?", "a?^?", "b?c?"}
     assert board.is_file() and "folder is left out: " in said.err
-    with pytest.raises(judge.robot_model.InputError, match="cannot write to .*ada.py"):
+    with pytest.raises(robot_model.InputError, match="cannot write to .*ada.py"):
         main_of("judge.py", monkeypatch, tmp_path, "--out", tmp_path / "ada.py" / "out")
 
 

@@ -134,7 +134,8 @@ def test_without_physics_all_arrive(monkeypatch):
     monkeypatch.syspath_prepend(str(EXERCISES / "starters"))
     robot_model = import_module("01_robot_model")
     with mock.patch.dict(robot_model.SIMULATORS):  # the starter changes them
-        ideal, evaluate = import_module("ideal"), import_module("05_evaluate")
+        ideal = import_module("ideal")
+        evaluate = import_module("05_evaluate")
         robot_model.SIMULATORS["mujoco"] = ideal.IdealSim
         world = evaluate.env.FootstepVectorEnv(20, **ideal.IDEAL).world
     ended = evaluate.evaluate(evaluate.BaselinePlanner(), world, evaluate.draw_trials(0, 20))
@@ -151,7 +152,8 @@ def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatc
     """In order. Cells with ! or %run are left out: the first one installs, and the stages are run
     above."""
     page = (EXERCISES / "notebook.md").read_text("utf-8")
-    names, cells = {}, re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names = {}
+    cells = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     needed = (ROOT / "requirements.txt").read_text()
     for package in re.findall(r"^\w+", needed, re.MULTILINE):
         assert package in cells[0], "the first cell installs what the stages need"

@@ -23,18 +23,20 @@ import pytest
 import seeds
 import walk
 from checks import close, equal
+from common import env, evaluate, ppo, robot_model, walk_engine
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
 from test_scripts import python
 
-robot_model, walk_engine = common.robot_model, common.walk_engine
-env, ppo, evaluate, torch = common.env, common.ppo, common.evaluate, common.ppo.torch
-ROBOT, LIMITS = robot_model.RobotModel(), env.LIMITS["pymunk"]
+torch = ppo.torch
+ROBOT = robot_model.RobotModel()
+LIMITS = env.LIMITS["pymunk"]
 
 
 @pytest.mark.parametrize("name", common.STUDIES)
 def test_every_study_says_its_question_and_then_its_duration(name, capsys, monkeypatch, tmp_path):
-    study, flag = import_module(name), "--limits" if name == "walk" else "--mujoco"
+    study = import_module(name)
+    flag = "--limits" if name == "walk" else "--mujoco"
     assert "?" in study.__doc__.splitlines()[0], "the first line is the question it answers"
     part = next(iter(study.PARTS))
     monkeypatch.setitem(study.PARTS, part, lambda args: {"rows": []})
@@ -52,7 +54,8 @@ def test_every_study_says_its_question_and_then_its_duration(name, capsys, monke
 def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     parts = {"one": lambda args: {"rows": [1, (2, 3)]}, "two": lambda args: 1 / 0}
     study = SimpleNamespace(__name__="both", PARTS=parts, table=str)
-    args, path = Namespace(sim="pymunk", out=tmp_path), tmp_path / "both.json"
+    args = Namespace(sim="pymunk", out=tmp_path)
+    path = tmp_path / "both.json"
     path.write_text('{"two": {"rows": []}}')
     common.publish(study, "one", args)
     with pytest.raises(ZeroDivisionError):
@@ -74,7 +77,9 @@ def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
 def test_a_figure_of_the_shipped_numbers_has_something_in_every_panel(path, monkeypatch):
     short = partial(common.world, task=env.Task(time_limit=3.0))
     monkeypatch.setattr(common, "world", short)  # `obstacles` walks again
-    study, sim, found = import_module(path.stem), path.parts[-3], common.read_json(path)
+    study = import_module(path.stem)
+    sim = path.parts[-3]
+    found = common.read_json(path)
     if hasattr(study, "plot") and path.stem != "walk" and [*study.PARTS][0] in found:
         assert all(axes.lines for axes in study.plot(found, sim).axes)
 
@@ -111,7 +116,8 @@ slow,yes,0.5,timeout,100.0,no,6.0
 
 
 def test_walks_are_those_of_stage_05_set_by_set():
-    planner, short = evaluate.BaselinePlanner(), replace(env.Task(), time_limit=2.6)  # [s]
+    planner = evaluate.BaselinePlanner()
+    short = env.Task(time_limit=2.6)  # [s]
     world = common.world("pymunk", task=short, num_robots=3, **kicks.ground(1.2))
     both = common.walks(planner, world, sets=2, first=5, per_set=3)
     second = evaluate.evaluate(planner, world, evaluate.draw_trials(6, 3))
@@ -131,7 +137,9 @@ def test_a_film_of_policies_shows_the_robot_on_its_way(tmp_path, monkeypatch):
 
 
 def test_slow_noise_is_as_large_and_stays():
-    robots, zero, std = np.arange(150), np.zeros((150, 3)), np.full(3, 0.05)
+    robots = np.arange(150)
+    zero = np.zeros((150, 3))
+    std = np.full(3, 0.05)
     world = kicks.SlowNoise(150, "pymunk", noise=True)
     world.reset(robots, [default_rng([0, i]) for i in robots], zero)
     seen = [world.measure(robots, std) for world.steps[:] in (0, 1, 2, 0)]
@@ -150,7 +158,8 @@ def test_the_late_tilt_is_that_of_two_readings_before():
 
 
 def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
-    first, obs = np.array([0.2, 0.5, 0.8]), torch.zeros(100, 4)
+    first = np.array([0.2, 0.5, 0.8])
+    obs = torch.zeros(100, 4)
     model = ablations.GaussianActor(4, 3, (8, 8), first, 10.0)
     close(model.decide(obs), np.tile(first, (100, 1)), atol=0.02)
     std = 11**-0.5 / 2  # of a Beta with mean 0.5 and α + β = 10
@@ -161,15 +170,16 @@ def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
 
 
 def test_soles_are_where_mujoco_has_them():
-    rng, corners = default_rng(5), np.array([*itertools.product((-1, 1), (-1, 1), [-1])])
+    rng = default_rng(5)
+    corners = np.array([*itertools.product((-1, 1), (-1, 1), [-1])])
     for torso in rng.uniform([-1, -1, 0.3, -0.5, -0.5, -3], [1, 1, 0.5, 0.5, 0.5, 3], (40, 6)):
         joints = 0.5 * rng.uniform(np.tile(ROBOT.joint_min, 2), np.tile(ROBOT.joint_max, 2))
         model, data = mujoco_at(torso, joints)
-        for side, ankle, lowest in zip(("left", "right"), *walk.soles(ROBOT, torso, joints)):
-            close(ankle, data.body(f"{side} foot").xpos)
+        _, lowest = walk.soles(ROBOT, torso, joints)
+        for side, height in zip(("left", "right"), lowest):
             sole = data.geom(f"{side} sole")
             placed = sole.xpos + corners * model.geom(sole.id).size @ sole.xmat.reshape(3, 3).T
-            close(lowest, placed[:, 2].min(), "the lowest corner")
+            close(height, placed[:, 2].min(), "the lowest corner")
 
 
 def test_blocks_are_as_high_as_drawn_and_flat_where_the_robots_stand():
@@ -177,7 +187,9 @@ def test_blocks_are_as_high_as_drawn_and_flat_where_the_robots_stand():
     world.reset([0, 1], [env.stream("training", i) for i in (0, 1)])
     # Rays from 1 m above, downward, beside the robot: heights of the floor
     places = [[x, 0.5, 1] for x in np.arange(-3, 3, 0.05)] + [[0.15, 0.15, 1]]
-    down, hit, found = [0, 0, -1], np.zeros(1, np.int32), []
+    down = [0, 0, -1]
+    hit = np.zeros(1, np.int32)
+    found = []
     for model in world.simulator.models:
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -208,7 +220,8 @@ def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
 
 
 def test_the_cross_entropy_method_draws_nearer_to_the_best():
-    optimum, seen = np.array([0.3, 0.7]), []
+    optimum = np.array([0.3, 0.7])
+    seen = []
 
     def costs(iteration, drawn):
         seen.append(drawn)
@@ -221,8 +234,10 @@ def test_the_cross_entropy_method_draws_nearer_to_the_best():
 
 
 def test_errors_that_repeat_add_up_in_what_the_filter_expects():
-    rng, planned = default_rng(0), np.tile([0.1, 0.0, 0.2], (4000, 8, 1))
-    own, new = rng.normal(0, 0.01, (4000, 1, 3)), rng.normal(0, 0.02, (4000, 8, 3))
+    rng = default_rng(0)
+    planned = np.tile([0.1, 0.0, 0.2], (4000, 8, 1))
+    own = rng.normal(0, 0.01, (4000, 1, 3))
+    new = rng.normal(0, 0.02, (4000, 8, 3))
     poses = [np.zeros((4000, 3))]
     for step in (planned + own + new + [0.003, 0, 0]).swapaxes(0, 1):
         poses.append(robot_model.compose(poses[-1], step))
@@ -233,8 +248,7 @@ def test_errors_that_repeat_add_up_in_what_the_filter_expects():
 
 
 def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_taken():
-    row = {"fall": 0.0, "pushed": 0.0, "timeout": 0.0, "time": 20.0, "still_there": 0.95}
-    row |= {"still_near": 0.95, "still_far": 0.93}
+    row = {"fall": 0.0, "pushed": 0.0, "timeout": 0.0, "still_near": 0.95, "still_far": 0.93}
     rows = [
         row | {"time": 9.1},
         row | {"time": 8.6, "fall": 0.003},
@@ -243,10 +257,10 @@ def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_ta
         row | {"time": 6.0, "still_far": 0.929},
         row | {"time": 6.0, "still_near": 0.929},
         row | {"time": 7.0, "fall": 0.006},
-        row | {"time": None, "still_there": None, "still_near": None, "still_far": None},
+        row | {"time": None, "still_near": None, "still_far": None},
     ]
     _, found = baseline.choose(rows)
-    best = [row["time"] for row in found if row["chosen"]]
+    best = common.values(found, "time", chosen=True)
     assert best == [8.0], "8 + 200 · 0.005 points; ≤ 0.5 % falls, ≤ 2 % pushed, stays in ≥ 93 %"
     why, (leaves, *others) = baseline.choose(rows[5:])
     assert leaves["chosen"] and "none" in why, "nobody keeps the rule: then only falls count"
@@ -269,10 +283,12 @@ DISC = np.array([[1.0, 0.0, 0.2]])
 
 
 def test_the_shortest_way_around_a_disc_is_two_tangents_and_an_arc():
-    goal, reach = np.array([2.0, 0.0, 1.0]), 0.2 + obstacles.MARGIN
+    goal = np.array([2.0, 0.0, 1.0])
+    reach = 0.2 + obstacles.MARGIN
     field = obstacles.Field(DISC, obstacles.shortest_way(goal, DISC))
     # The tangent from 1 m away touches at the angle arccos(reach) from the line to the middle.
-    tangent, arc = math.sqrt(1 - reach**2), math.pi - 2 * math.acos(reach)
+    tangent = math.sqrt(1 - reach**2)
+    arc = math.pi - 2 * math.acos(reach)
     shortest = 2 * tangent + arc * reach
     assert shortest <= field.length < 1.02 * shortest, "a polygon around the disc is a bit longer"
     ends = np.vstack([[0, 0], field.way[:, :2]])

@@ -22,7 +22,8 @@ from solutions.referee import emptied, graded, text_of
 from test_scripts import main_of, python
 from workbook import BOOK
 
-ROOT, FOLDER = sheet.ROOT, Path(sheet.__file__).parent
+ROOT = sheet.ROOT
+FOLDER = Path(sheet.__file__).parent
 README = (FOLDER / "README.md").read_text("utf-8")
 
 
@@ -72,7 +73,8 @@ def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
 
 
 def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path):
-    script, out = FOLDER / "sheet.py", tmp_path / "my exercises"
+    script = FOLDER / "sheet.py"
+    out = tmp_path / "my exercises"
     done = python(script, "--out", "my exercises", cwd=tmp_path, PYTHONIOENCODING="cp1252")
     assert done.returncode == 0, done.stderr
     assert {path.name for path in out.iterdir()} == {f"{row.file}.py" for row in BOOK.values()}
@@ -85,7 +87,8 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
         for row in BOOK.values()
         for _ in row.functions
     ], "sheet.py prints in which line of which file a student writes"
-    mine, solved = out / "04_ppo.py", out / "05_evaluate.py"
+    mine = out / "04_ppo.py"
+    solved = out / "05_evaluate.py"
     mine.write_text("# a night's work\n")
     solved.write_text("# solved\n")
     again = python(script, "--out", out)
@@ -216,7 +219,8 @@ def test_a_wrong_folder_is_one_line(tmp_path, folder, mention):
 
 @pytest.mark.slow
 def test_what_never_ends_or_ends_python_fails_and_the_others_keep_their_grades(tmp_path):
-    late, ends = "takes too long: a loop that never ends", "ends Python"
+    late = "takes too long: a loop that never ends"
+    ends = "ends Python"
     bodies = {
         "compose": ("import time\ntime.sleep(1e6)", late),
         "fallen": ("while True:\n    pass", late),
@@ -285,7 +289,8 @@ def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepte
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")  # of mistakes
 @pytest.mark.slow
 def test_small_mistakes_by_rule_are_rejected_in_words():
-    cases, passed = [*referee.by_rule()], []
+    cases = [*referee.by_rule()]
+    passed = []
     assert len(cases) > 1000
     for case, said in zip(cases, graded(cases)):
         assert not any(": assert " in text for text in said), f"{said} tells no student anything"
