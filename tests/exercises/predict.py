@@ -25,7 +25,7 @@ def circle(sim):
     """Sums of the three progress rewards on a circle, 2 m across, that passes the start again."""
     angle = np.linspace(0, 2 * np.pi, 41)  # [rad] forty double steps, from the start to the start
     poses = np.stack([np.sin(angle), 1 - np.cos(angle), angle], -1)  # [41, 3] of the robot
-    goals = robot_model.relative(poses, np.array([3.0, 0.0, 0.0]))  # [41, 3] seen from it
+    goals = robot_model.relative(poses, [3.0, 0.0, 0.0])  # [41, 3] seen from it
     nothing = np.zeros((40, 6))
     terms = env.reward_terms(goals[:-1], goals[1:], nothing, nothing, 0.0, 0.0)
     for gamma in (1.0, 0.95, 0.9):
@@ -65,15 +65,13 @@ def reflex(sim):
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
 
         def disturb(k, disturbance, robots):
-            _, ticks, _ = disturbance.imu.shape
-            noise = rng.normal(size=(96, ticks, 2))
+            noise = rng.normal(size=(96, disturbance.imu.shape[1], 2))
             disturbance.imu[..., 2:] = (offset + task.imu_rad_s * noise)[robots]
             last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
             first = rng.integers(last + 1, size=96)
-            way = rng.uniform(0, 2 * np.pi, 96)
+            push = robot_model.turned([force, 0], rng.uniform(0, 2 * np.pi, 96))  # [96, 2]
             for row, i in enumerate(robots):
-                push = force * np.cos(way[i]), force * np.sin(way[i])
-                disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push
+                disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push[i]
 
         _, _, fall = walk_engine.walk_plans(sim, parameters, steps, bodies, disturb)
         return np.mean(fall == 8)
@@ -99,7 +97,7 @@ def joints(sim):
         "no friction": {"robot": smooth},
         "bare model": {"robot": smooth, "spread": nothing},
     }.items():
-        world = env.FootstepWorld(500, sim, noise=True, **settings)
+        world = common.world(sim, **settings)
         for name, planner in planners.items():
             ended = evaluate.evaluate(planner, world, trials)
             reached = ended["outcome"] == "success"

@@ -13,8 +13,7 @@ TESTS = Path(__file__).resolve().parents[1]
 PAGES = ("course.md", "debug.md", "ledger.md", "predict.md", "projects.md")
 TEXT = {page: (TESTS / "exercises" / page).read_text("utf-8") for page in PAGES}
 STAGES = {path.stem[:2]: path.stem for path in TESTS.parent.glob("0*.py")}
-STUDIES = ("walk", "baseline", "search", "seeds", "kicks", "ablations", "peers")
-STUDIES += ("bullet", "transfer")
+STUDIES = [path.stem for path in (TESTS / "studies").glob("*.py")]
 HEADING = re.compile(r"^## (\w+):", re.MULTILINE)  # "## lean: At which lean …"
 EXERCISES = {
     "build": list(BOOK),

@@ -84,14 +84,16 @@ def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other
     """README's changes, in a copy: it walks, and a note says what differs."""
     for path in ROOT.glob("0*.py"):
         shutil.copy(path, tmp_path)
-    text = (tmp_path / script).read_text("utf-8")
+    stage = tmp_path / script
+    text = stage.read_text("utf-8")
     assert text.count(number) == 1, f"{number} should stand once in {script}"
     value = re.fullmatch(r"\w+.*=\s*([\d.]+)", number)[1]
-    (tmp_path / script).write_text(text.replace(number, number.replace(value, other)), "utf-8")
+    stage.write_text(text.replace(number, number.replace(value, other)), "utf-8")
     sim = "mujoco" if "--mujoco" in command else "pymunk"
-    flags = [*command.replace("100", "8").split()[1:], "--policy"]
     policy = ROOT / "results" / sim / "policy.pt"
-    shown = run(tmp_path / "05_evaluate.py", *flags, policy, folder=tmp_path).stdout
+    _, *flags = command.replace("100", "8").split()
+    evaluate = tmp_path / "05_evaluate.py"
+    shown = run(evaluate, *flags, "--policy", policy, folder=tmp_path).stdout
     assert "another walk" in shown
     assert "| policy " in shown
 
@@ -129,15 +131,13 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert [row["episodes"] for row in evaluation["rows"]] == [4] * 8
 
 
-def test_without_physics_all_arrive(monkeypatch):
+def test_without_physics_all_arrive():
     """The starter `ideal`: another physics is a class in SIMULATORS."""
-    monkeypatch.syspath_prepend(str(EXERCISES / "starters"))
     robot_model = import_module("01_robot_model")
+    evaluate = import_module("05_evaluate")
     with mock.patch.dict(robot_model.SIMULATORS):  # the starter changes them
-        ideal = import_module("ideal")
-        evaluate = import_module("05_evaluate")
-        robot_model.SIMULATORS["mujoco"] = ideal.IdealSim
-        world = evaluate.env.FootstepVectorEnv(20, **ideal.IDEAL).world
+        ideal = import_module("starters.ideal")
+        world = evaluate.env.FootstepWorld(20, **ideal.IDEAL)
     ended = evaluate.evaluate(evaluate.BaselinePlanner(), world, evaluate.draw_trials(0, 20))
     assert (ended["outcome"] == "success").all(), "nobody falls where nothing slips"
     before = world.pose.copy()
@@ -175,7 +175,7 @@ def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatc
     ("05_evaluate.py", "--episodes 0", "--episodes from 1"),
 ])  # fmt: skip
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
-    (tmp_path / "a_file").write_text("not a folder")
+    (tmp_path / "a_file").touch()  # not a folder
     monkeypatch.chdir(tmp_path)
     wrong = partial(main_of, script, monkeypatch, *arguments.split())
     with pytest.raises(SystemExit, match="2"):
@@ -203,7 +203,7 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page, monkeypatch, 
         usage, about, _ = capsys.readouterr().out.partition("\nStage ")
         assert about, f"--help of {name} says what the stage is about"
         known = re.findall(r"--[a-z-]+", usage)
-        assert set(re.findall(r"--[a-z-]+", told)) <= {*known}, f"{page}: `{name}{told}`"
+        assert {*re.findall(r"--[a-z-]+", told)} <= {*known}, f"{page}: `{name}{told}`"
     for path in re.findall(r"tests/[\w/]+\.py", text):
         assert (ROOT / path).is_file(), f"{page} names {path}, which does not exist"
 
