@@ -20,13 +20,14 @@ from pathlib import Path
 from workbook import any_console
 
 ROOT = Path(__file__).resolve().parents[2]
-BUGS = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
+FOLDER = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
+BUGS = sorted(path.stem for path in FOLDER.glob("*.txt"))
 PATIENCE = 300  # [s] for a student's test
 
 
 def read_bug(name):
     """(the stage's file, its old text, the bug's text): the first line, those with − and with +."""
-    file, *lines = (BUGS / f"{name}.txt").read_text("utf-8").splitlines()
+    file, *lines = (FOLDER / f"{name}.txt").read_text("utf-8").splitlines()
     old, new = ("\n".join(line[2:] for line in lines if line[0] == mark) for mark in "-+")
     return file, old, new
 
@@ -47,7 +48,9 @@ def exchanged(source, old, new):
     if len(places) != 1:
         raise ValueError(f"these lines must be there once, and are {len(places)} times:\n{old}")
     lines = [*io.StringIO(source)]
-    (first, left), (last, right) = found[places[0]].start, found[places[0] + count - 1].end
+    place = places[0]
+    first, left = found[place].start
+    last, right = found[place + count - 1].end
     changed = lines[first - 1][:left] + new.replace("\n", "\n" + " " * left)
     lines[first - 1 : last] = [changed + lines[last - 1][right:]]
     return "".join(lines)
@@ -117,7 +120,7 @@ def main():
     any_console()
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("what", help="put, undo, or the file of your test")
-    parser.add_argument("bug", choices=sorted(path.stem for path in BUGS.glob("*.txt")))
+    parser.add_argument("bug", choices=BUGS)
     args = parser.parse_args()
     try:
         if args.what in ("put", "undo"):

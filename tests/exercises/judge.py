@@ -43,7 +43,8 @@ FIELD = {
     "policy": ROOT / "results" / "mujoco" / "policy.pt",
     "baseline_tuned": ROOT / "05_evaluate.py",
 }
-PER_FALL, PER_TIMEOUT = 200, 100  # [s] per share of the walks
+PER_FALL = 200  # [s] per share of the walks
+PER_TIMEOUT = 100  # the same
 STAYS = 0.7  # least share of the successes that is still there
 OUT = "disqualified"  # instead of a place
 WALKS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far?, pushes [m/s]; the last does not count
@@ -88,11 +89,13 @@ def ranked(found):
     first = ()
     scores = {name: (stays(rows) < STAYS, points(rows[:2])) for name, rows in found.items()}
     for name in sorted(found, key=scores.get):
-        rows, (out, score) = found[name][:2], scores[name]
+        rows = found[name][:2]
+        out, score = scores[name]
         if out:
             place = OUT
-        elif interval(rows, first)[0] > 0:
-            place, first = len(field) + 1, rows  # also without a first one: points are above 0
+        elif interval(rows, first)[0] > 0:  # also without a first one: points are above 0
+            place = len(field) + 1
+            first = rows
         field.append((place, name, score, interval(rows)))
     return field
 

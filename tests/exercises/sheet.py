@@ -54,10 +54,8 @@ def emptied(source, exercise):
     for name in exercise.functions:
         first, end, _ = body_of(source, name, exercise.since)
         lines = [line.strip() for line in source.splitlines()[first:end]]
-        stub = [
-            *(line for line in lines if line.startswith("#")),
-            f'raise NotImplementedError("exercise: {exercise.name}")',
-        ]
+        stub = [line for line in lines if line.startswith("#")]
+        stub.append(f'raise NotImplementedError("exercise: {exercise.name}")')
         source = replaced(source, name, stub, exercise.since)
     return source
 
@@ -90,7 +88,7 @@ def main():
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     if out in [find(row.file).parent for row in BOOK.values()]:
         refuse(f"{out} holds the solutions; take another folder")
-    for name in (path.stem for path in BUGS.glob("*.txt")):
+    for name in BUGS:
         file, _, bug = read_bug(name)
         if "".join(bug.split()) in "".join((ROOT / file).read_text("utf-8").split()):
             refuse(f"{file} has a bug; take it out: python tests/exercises/debug.py undo {name}")

@@ -14,7 +14,6 @@ from test_scripts import main_of, python
 
 BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text("utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
-NAMES = sorted(path.stem for path in BUGS.glob("*.txt"))
 STAGES = sorted(path.stem for path in ROOT.glob("0*.py"))
 IMPORT_THEN_TEST = f"""
 import importlib, pytest, sys
@@ -33,10 +32,10 @@ def catcher(name):
 
 
 def test_every_bug_has_its_page_and_every_page_its_bug():
-    assert sorted(SECTIONS) == NAMES, "headings of debug.md and files in bugs/ differ"
+    assert sorted(SECTIONS) == BUGS, "headings of debug.md and files in bugs/ differ"
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", BUGS)
 def test_a_bug_changes_little_in_one_stage_and_has_a_whole_page(name, tmp_path, monkeypatch):
     for part in ("★", "*Symptom.*", "*Task.*", "<summary>Hint 1", "<summary>Hint 2"):
         assert part in SECTIONS[name], f"{name}: where is {part}?"
@@ -87,7 +86,7 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
             return f"{module}.{begins} does not catch {name} by an assertion:\n{said[-2000:]}"
 
     with ThreadPoolExecutor(import_module("01_robot_model").CORES) as pool:
-        problems = list(filter(None, pool.map(problem, NAMES)))
+        problems = list(filter(None, pool.map(problem, BUGS)))
     assert not problems, "\n".join(problems)
 
 

@@ -102,7 +102,7 @@ def test_sheets_are_written_from_any_folder_and_work_is_not_overwritten(tmp_path
 def test_no_sheet_is_made_while_a_bug_is_in_a_stage(tmp_path, monkeypatch, capsys):
     debug.copied(tmp_path)
     monkeypatch.setattr(sheet, "ROOT", tmp_path)
-    for bug in (path.stem for path in debug.BUGS.glob("*.txt")):
+    for bug in debug.BUGS:
         debug.put(bug, tmp_path)
         with pytest.raises(SystemExit, match="2"):  # one line, and nothing is written
             main_of("sheet.py", monkeypatch, "--out", tmp_path / "mine")
