@@ -44,17 +44,14 @@ def exists(place, path):
 
 @pytest.mark.parametrize("page", PAGES)
 def test_everything_that_is_named_exists(page):
-    found = [
-        (number, place, rest)
-        for number, line in enumerate(TEXT[page].splitlines(), 1)
-        for place, rest in NAME.findall(line)
-    ]
     wrong = [
         f"tests/exercises/{page}, line {number}: there is no `{place}{rest}`"
-        for number, place, rest in found
+        for number, line in enumerate(TEXT[page].splitlines(), 1)
+        for place, rest in NAME.findall(line)
         if not exists(place, rest.split(".")[1:])
     ]
     assert not wrong, "\n".join(wrong)
+    found = NAME.findall(TEXT[page])
     assert len(found) > 3, f"{page} names nothing: has its notation changed?"
 
 
