@@ -231,7 +231,7 @@ def test_a_place_is_shared_unless_the_paired_difference_from_its_first_planner_i
     found = {
         name: [ROW | {"walks": [["success"] * 200, times]}] * 2 for name, times in seconds.items()
     }
-    found["leaves"][1] |= {"still_there": 0.6}
+    found["leaves"][1] = found["leaves"][1] | {"still_there": 0.6}  # only the far goals
     field = judge.ranked(found)
     places = {name: place for place, name, *_ in field}
     assert places == {"first": 1, "second": 1, "third": 3, "equal": 3, "leaves": judge.OUT}, (
