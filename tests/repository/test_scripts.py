@@ -18,8 +18,6 @@ import pytest
 from checks import close
 from sheet import ROOT
 
-EXERCISES = ROOT / "tests" / "exercises"
-
 
 def python(*arguments, cwd=ROOT, surrounding=os.environ, **more):
     """Python with these arguments, in this surrounding and more, and what it prints."""
@@ -151,7 +149,7 @@ def test_without_physics_all_arrive():
 def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatch):
     """In order. Cells with ! or %run are left out: the first one installs, and the stages are run
     above."""
-    page = (EXERCISES / "notebook.md").read_text("utf-8")
+    page = (ROOT / "tests/exercises/notebook.md").read_text("utf-8")
     names = {}
     cells = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     needed = (ROOT / "requirements.txt").read_text()
