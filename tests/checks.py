@@ -1,7 +1,6 @@
 """What tests of several stages need: how arrays are compared, a mark, a file that is in use."""
 
 import os
-from contextlib import contextmanager
 from pathlib import Path
 from unittest import mock
 
@@ -23,9 +22,9 @@ def frozen(*arrays):
         array.flags.writeable = False
 
 
-@contextmanager
 def locked(name):
-    """Another program, as on Windows, keeps the file of this name open when it is replaced."""
+    """A context in which another program, as on Windows, keeps the file of this name open when it is
+    replaced."""
     replace = os.replace
 
     def held(source, target):
@@ -33,5 +32,4 @@ def locked(name):
             raise PermissionError(13, "Access is denied")
         replace(source, target)
 
-    with mock.patch("os.replace", held):
-        yield
+    return mock.patch("os.replace", held)
