@@ -20,11 +20,6 @@ STEPS, GOALS = 25_600, 500  # double steps of a short training, near and far goa
 SEEDS = (0, 1, 2)  # of the short trainings
 
 
-def log_std(concentration):
-    """ln σ of a normal distribution as wide as a Beta with mean 0.5 and concentration c."""
-    return -0.5 * np.log(4 * (concentration + 1))  # σ² = 1 / (4·(c + 1))
-
-
 class GaussianActor(ppo.ActorCritic):
     """A normal distribution, the usual choice. The environment clips its actions, not π."""
 
@@ -32,7 +27,9 @@ class GaussianActor(ppo.ActorCritic):
         super().__init__(obs_dim, act_dim, hidden)
         self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
         self.actor[-1].bias.data.copy_(torch.as_tensor(first_action))
-        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std(concentration)))
+        # As wide as a Beta with mean 0.5 and concentration c: σ² = 1 / (4·(c + 1))
+        log_std = -0.5 * np.log(4 * (concentration + 1))
+        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std))
 
     def policy(self, obs):
         normal = torch.distributions.Normal(self.actor(obs), self.log_std.exp())
@@ -83,10 +80,9 @@ def judged(planner, sim):
 
 def learn(sim, seed, folder, model=ppo.ActorCritic, config=ppo.PPOConfig(), **world):
     """Trains a variant in a folder, or goes on with it; returns its planner."""
-    settings = {"sim": sim, "noise": True, "staggered": True, **world}
     model, _ = ppo.train(
         config,
-        partial(env.FootstepVectorEnv, **settings),
+        partial(env.FootstepVectorEnv, sim=sim, noise=True, staggered=True, **world),
         folder,
         STEPS,
         seed,

@@ -45,11 +45,6 @@ class Chance(gym.Env):
         return self.obs, reward, *map(bool, ends), {}
 
 
-def layers(network):
-    """The linear layers of a network, in their order."""
-    return [layer for layer in network.modules() if isinstance(layer, torch.nn.Linear)]
-
-
 def study_exact(args):
     """How much advantages and weights differ, and how much they vary or move."""
     try:
@@ -79,22 +74,19 @@ def study_exact(args):
     )
     model = ablations.GaussianActor(SEEN, ACTS, CFG.hidden, 0.5, CFG.first_concentration)
     policy = theirs.policy
-    actor = [*layers(policy.mlp_extractor.policy_net), policy.action_net]
-    critic = [*layers(policy.mlp_extractor.value_net), policy.value_net]
-    pairs = [(model.log_std, policy.log_std)]
-    for ours, other in zip(layers(model), actor + critic, strict=True):
-        pairs += [(ours.weight, other.weight), (ours.bias, other.bias)]
-    first = [other.detach().clone() for _, other in pairs]
+    hidden = policy.mlp_extractor
+    networks = hidden.policy_net, policy.action_net, hidden.value_net, policy.value_net
+    others = [policy.log_std, *(weights for part in networks for weights in part.parameters())]
+    pairs = [*zip(model.parameters(), others, strict=True)]  # log σ, actor, critic
+    first = [other.detach().clone() for other in others]
     for (ours, _), weights in zip(pairs, first):
         ours.data.copy_(weights)
     _, callback = theirs._setup_learn(CFG.minibatch)
     buffer = theirs.rollout_buffer
     theirs.collect_rollouts(envs, callback, buffer, STEPS)  # actions, advantages
-    seen = [env.unwrapped.seen for env in envs.envs]  # [N][T]
+    seen = [*zip(*(env.unwrapped.seen for env in envs.envs))]  # [T][N]
     data = {
-        name: torch.as_tensor(np.array([[row[name] for row in rows] for rows in seen])).swapaxes(
-            0, 1
-        )
+        name: torch.as_tensor(np.array([[row[name] for row in rows] for rows in seen]))
         for name in seen[0][0]
     }
     data["action"] = torch.as_tensor(buffer.actions)  # [T, N, ACTS]
