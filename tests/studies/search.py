@@ -14,13 +14,12 @@ table. The planner reads results/<sim>/search.npz.
 
 import json
 import math
-from dataclasses import asdict
 from itertools import product
 
 import baseline
 import common
 import numpy as np
-from common import env, robot_model, walk_engine
+from common import env, ppo, robot_model, walk_engine
 
 CELL, TURN = 0.05, math.radians(10)  # [m], [rad] size of a cell of the map of poses
 HALF, TURNS = 64, 36  # cells on each side of the goal (3.2 m), and around the circle
@@ -31,12 +30,12 @@ def double_steps(limits, factor=1.0):
     """Double steps [A, 2, 3] to search over, within the limits times a factor; first: in place."""
     low, high = factor * np.array([limits.low, limits.high])
     axes = np.linspace(low[0], high[0], 8), np.linspace(-1, 1, 5), np.linspace(-1, 1, 7)
-    x, *shares = (grid.ravel() for grid in np.meshgrid(*axes, indexing="ij"))  # [A − 1] each
-    left = np.stack(shares, -1)  # [A − 1, 2] of the largest sideways step, and of the largest turn
+    # x [m]; to the left, shares of the largest sideways step and of the largest turn
+    x, left = np.split(np.array([*product(*axes)]), [1], 1)  # [A − 1, 1], [A − 1, 2]
     # To the left: the left foot goes outward, the right one inward, by the same share.
     outward = np.stack([left, -left], 1)  # [A − 1, 2, 2]
     steps = np.zeros((len(x) + 1, 2, 3))
-    steps[1:, :, 0] = x[:, None]
+    steps[1:, :, 0] = x
     steps[1:, :, 1:] = outward * np.where(outward > 0, high[1:], -low[1:])
     return steps
 
@@ -148,11 +147,10 @@ def read_map(limits):
     far an action may be from the last one. Raises an InputError if there is no map for these
     limits. (If you have changed the walk, the moves are still those of the shipped walk.)
     """
-    wanted = json.loads(json.dumps(asdict(limits)))  # tuples become lists
     for path in common.RESULTS.glob("*/search.npz"):
         with np.load(path) as file:
             about = json.loads(str(file["about"]))
-            if about["step limit"] == wanted:
+            if about["step limit"] == ppo.plain(limits):
                 # Its numbers are differences along x, in twentieths of a double step: they
                 # compress well.
                 value = np.cumsum(file["parts"], axis=2, dtype=np.float32) / 20
@@ -166,7 +164,7 @@ def read_map(limits):
 def write_map(path, sim, factor, known):
     """Writes the file for `read_map`."""
     steps, moves, value, change = known
-    about = {"step limit": asdict(env.LIMITS[sim]), "factor": factor, "change": change}
+    about = {"step limit": ppo.plain(env.LIMITS[sim]), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
     robot_model.atomic_write(
         path,
