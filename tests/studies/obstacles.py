@@ -61,7 +61,7 @@ def shortest_way(goal, discs):
     """
     reach = discs[:, 2] + MARGIN  # [k]
     angle = np.arange(CORNERS) / CORNERS * 2 * np.pi
-    circle = np.stack([np.cos(angle), np.sin(angle)], -1) / np.cos(np.pi / CORNERS)
+    circle = robot_model.turned([1, 0], angle) / np.cos(np.pi / CORNERS)  # [CORNERS, 2]
     corners = discs[:, None, :2] + reach[:, None, None] * circle  # [k, CORNERS, 2]
     points = np.vstack([[0, 0], goal[:2], corners.reshape(-1, 2)])  # [p, 2]
     # Every point with every other one: which of them see each other?
@@ -143,14 +143,14 @@ def touching(robot, motion, fields):
 
 
 def walk_fields(planner, world, fields, trials):
-    """What `evaluate` returns of walks around the discs, and `touched` [n]: which touched one."""
+    """What `evaluate` returns of walks around the discs, and which of them touched one [n]."""
     touched = np.zeros(len(fields), bool)
 
     def watch(robots, motion):
         touched[robots] |= touching(world.engine.robot, motion, [fields[i] for i in robots])
 
     chain = Chain(planner, world, [field.way for field in fields])
-    return evaluate.evaluate(chain, world, trials, watch) | {"touched": touched}
+    return evaluate.evaluate(chain, world, trials, watch), touched
 
 
 def study(args):
@@ -160,16 +160,18 @@ def study(args):
     length = np.array([field.length for field in fields])
     planners = common.opponents(args.sim) | {"policy": common.shipped(args.sim)}
     world, rows, touched = common.world(args.sim, num_robots=FIELDS), [], []
+
+    def add_row(name, ended, way, **more):
+        row = common.row_of(ended, name, **more)
+        least = way[ended["outcome"] == "success"] / SPEED  # [s]
+        rows.append(row | {"time_over_way": row["time_mean"] / least.mean()})
+
     for name in ("policy", "baseline_tuned"):
-        around = walk_fields(planners[name], world, fields, trials)
-        beside = evaluate.evaluate(planners[name], world, trials)
-        for ended, way in ((around, length), (beside, straight)):
-            row = common.row_of(ended, name, discs=ended is around)
-            if ended is around:
-                touched.append(ended["touched"])
-                row["touches"] = touched[-1].mean()
-            least = way[ended["outcome"] == "success"] / SPEED  # [s]
-            rows.append(row | {"time_over_way": row["time_mean"] / least.mean()})
+        ended, touches = walk_fields(planners[name], world, fields, trials)
+        touched.append(touches)
+        add_row(name, ended, length, discs=True, touches=touches.mean())
+        ended = evaluate.evaluate(planners[name], world, trials)
+        add_row(name, ended, straight, discs=False)
     return {"rows": rows, "fields": FIELDS, "touches": evaluate.mcnemar(*touched)}
 
 
@@ -198,8 +200,8 @@ def plot(found, sim):
         title = f"shortest way {fields[i].length:.1f} m{walked}"
         middle = (fields[i].way.max(0) + fields[i].way.min(0))[:2] / 2  # of the figure
         (left, low), (right, high) = middle - [1.8, 1.5], middle + [1.8, 1.5]
-        axes.set(title=title, xlim=(left, right), ylim=(low, high), xlabel="x [m]", ylabel="y [m]")
-        axes.set_aspect("equal")
+        axes.set(title=title, xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        axes.axis((left, right, low, high))
     figure.suptitle(
         f"The policy around discs, with noise. Dotted: the shortest way that keeps {MARGIN} m from them\n"
         f"Line: the torso. Blue: left foot, orange: right foot. Green: the goal ({sim})"
