@@ -11,6 +11,7 @@ map is eight walks. A search prints a line for TUNED, or for WALK of the file; i
 
 from dataclasses import replace
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 
 import common
@@ -44,14 +45,14 @@ def speed_plans():
 def random_robots(rng, count, robot=OURS):
     """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise of
     gyro and tilt at every tick."""
-    spread = env.Spread()
+    spread, task = env.Spread(), env.Task()
     constant = rng.uniform(-spread.gyro, spread.gyro, (count, 1, 2))  # [rad/s] about x and y
 
     def disturb(k, disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        noise = rng.normal(size=(2, count, disturbance.imu.shape[1], 2))  # [2, count, T, 2]
-        disturbance.imu[..., 2:] = (constant + env.Task().imu_rad_s * noise[0])[robots]
-        disturbance.imu[..., :2] = env.Task().imu_rad * noise[1][robots]
+        gyro, tilt = rng.normal(size=(2, count, disturbance.imu.shape[1], 2))  # [count, T, 2] each
+        disturbance.imu[..., 2:] = (constant + task.imu_rad_s * gyro)[robots]
+        disturbance.imu[..., :2] = task.imu_rad * tilt[robots]
 
     return spread.draw(rng.spawn(count), robot), disturb
 
@@ -80,13 +81,10 @@ def highest_speed(poses, fall, period):
 def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
     points, turns = robot_model.body_frames(robot, torso, joints)
-    ankle, up = (
-        points[..., [4, 8], :],
-        turns[..., [4, 8], 2, :],
-    )  # up: the third row of each foot's R
+    ankle, up = points[..., [4, 8], :], turns[..., [4, 8], 2, :]  # up: third row of a foot's R
     ends = -robot.foot_back, robot.foot_front
     sides = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width
-    left = np.array([[x, y, -robot.ankle_height] for x in ends for y in sides])  # corners [4, 3]
+    left = np.array([*product(ends, sides, [-robot.ankle_height])])  # corners [4, 3]
     corners = np.stack([left, left * [1, -1, 1]])  # [2, 4, 3] seen from the ankles
     heights = corners @ up[..., None]  # [..., 2, 4, 1]
     return ankle, ankle[..., 2] + heights[..., 0].min(-1)
@@ -174,12 +172,11 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS, robot=OURS
     )
     clearance, slip = map(np.concatenate, zip(*feet))
     period, speeds, tracking = walk_engine.WalkEngine(1, parameters, robot).period, [], []
-    for first in range(0, len(plans) - count, len(straight)):
-        rows = slice(first, first + len(straight))
+    for rows in np.arange(len(plans) - count).reshape(-1, len(straight)):  # of each μ
         speeds.append(highest_speed(poses[rows], fall[rows], period))
         tracking.append({})
-        for i, (name, (_, axis, _)) in enumerate(DIRECTIONS.items()):
-            levels = first + i * LEVELS + np.array([LEVELS // 4, LEVELS // 2]) - 1
+        for (name, (_, axis, _)), own in zip(DIRECTIONS.items(), rows.reshape(-1, LEVELS)):
+            levels = own[[LEVELS // 4 - 1, LEVELS // 2 - 1]]
             tracking[-1][name] = np.mean(poses[levels, -1, axis] / wanted[levels, -1, axis])
     random_falls = fall[-count:]
     return {
