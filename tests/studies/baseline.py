@@ -53,8 +53,7 @@ def expert_of(settings):
 
 def tuning(planner, world, seed, count):
     """The facts of `count` near and `count` far walks of the tuning, with noise."""
-    more = {"first": seed, "per_set": count, "purpose": "tuning"}
-    return facts(common.near_and_far(planner, world, **more))
+    return facts(common.near_and_far(planner, world, first=seed, per_set=count, purpose="tuning"))
 
 
 def facts(ended):
@@ -184,8 +183,15 @@ SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the 
 
 def table(found):
     """The finalists beside the paper's settings, and the trainings."""
-    facts = {"fall": 4, "pushed": 3, "timeout": 4, "time": 2, "still_near": 3, "still_far": 3}
-    facts["chosen"] = 0
+    facts = {
+        "fall": 4,
+        "pushed": 3,
+        "timeout": 4,
+        "time": 2,
+        "still_near": 3,
+        "still_far": 3,
+        "chosen": 0,
+    }
     text = ""
     for part in ("baseline_tuned", "expert"):
         if part in found:
@@ -225,8 +231,7 @@ def found(data):
     policies = parts["policy"]["rows"]
     times, falls = (values(policies, key) for key in ("time", "fall"))
     kept, kept_by_hand = (
-        sum(keeps(row) for row in parts[name]["finalists"]) or "none"
-        for name in ("baseline_tuned", "expert")
+        sum(map(keeps, parts[name]["finalists"])) or "none" for name in ("baseline_tuned", "expert")
     )
     return {
         "tuned": "In 3-D, near and far goals together, the paper's controller takes "

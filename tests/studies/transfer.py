@@ -194,8 +194,7 @@ def found(data):
     rows = [row for part in data["mujoco"].values() for row in part["rows"]]
 
     def far(case, push=0.0, planner="policy"):
-        wanted = {"case": case, "push": push, "planner": planner, "goal_std_m": common.STD[True]}
-        return pick(rows, **wanted)[-1]
+        return pick(rows, case=case, push=push, planner=planner, goal_std_m=common.STD[True])[-1]
 
     def count(key, *case):
         row = far(*case)
