@@ -11,13 +11,11 @@ NAME.md and NAME.png. A part is written as soon as it is finished; --only measur
 import argparse
 import json
 import re
-import struct
 import sys
 import textwrap
 import time
 import zlib
 from importlib import import_module
-from itertools import islice, zip_longest
 from pathlib import Path
 from unittest import mock
 
@@ -121,7 +119,7 @@ def stamp(path, digits):
     else:  # a chunk: length, name and text, checksum
         end = data[-12:]  # the last chunk
         chunk = b"tEXtComment\0" + note
-        block = struct.pack(f">I{len(chunk)}sI", len(chunk) - 4, chunk, zlib.crc32(chunk))
+        block = len(chunk[4:]).to_bytes(4) + chunk + zlib.crc32(chunk).to_bytes(4)
     data = data.removesuffix(end)
     if b"made with" in data[-len(block) :]:  # all stamps have the same length
         data = data[: -len(block)]
@@ -236,14 +234,10 @@ def share(part, digits=0):
     return f"{100 * np.mean(part):.{digits}f} %"
 
 
-def falls(rows, **wanted):
-    """How many walks of the rows with these values ended with a fall, and how many there are."""
-    return [sum(values(rows, key, **wanted)) for key in ("falls", "episodes")]
-
-
 def fallen(rows, **wanted):
-    """The same in words: "3 of 3,000"."""
-    return "{:,} of {:,}".format(*falls(rows, **wanted))
+    """How many walks of the rows with these values ended with a fall, of how many: "3 of 3,000"."""
+    falls, walks = (sum(values(rows, key, **wanted)) for key in ("falls", "episodes"))
+    return f"{falls:,} of {walks:,}"
 
 
 def draw_falls(axis, rows, key, shift, **look):
@@ -291,9 +285,9 @@ def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="eva
     A set has one goal for each robot of the world, or fewer. Seeds from 120 on judge what the
     studies have chosen, see `seeds.py`.
     """
-    parts, per_set = [], per_set or len(world.goal)
+    parts = []
     for seed in tqdm(range(first, first + sets), unit=" sets", leave=False):
-        trials = evaluate.draw_trials(seed, per_set, far, purpose)
+        trials = evaluate.draw_trials(seed, per_set or len(world.goal), far, purpose)
         parts.append(evaluate.evaluate(planner, world, trials))
     return together(parts)
 
@@ -309,43 +303,23 @@ def together(parts):
 
 
 def row_of(ended, name, far=False, **more):
-    """A row of stage 5's table, walked with noise, with more values before it; None: nothing to
-    measure, for JSON knows no nan."""
-    row = with_falls({**more, **evaluate.summary(name, True, STD[far], ended)})
+    """A row of stage 5's table, walked with noise, with more values before it and how many walks
+    ended with a fall behind it; None: nothing to measure, for JSON knows no nan."""
+    row = more | evaluate.summary(name, True, STD[far], ended) | {"falls": int(fell(ended).sum())}
     return {key: None if value != value else value for key, value in row.items()}
 
 
-def with_falls(row):
-    """A row that also tells how many walks ended with a fall."""
-    return row | {"falls": round(row["fall"] * row["episodes"])}
+def time_over(name, ended, reference):
+    """The mean time relative to that of other walks to the same goals, and its interval, under this
+    name; None: no goal was reached in both."""
+    ratio = evaluate.time_ratio(ended, reference)
+    return {f"{name}{end}": ratio.get(f"time_ratio{end}") for end in ("", "_ci95")}
 
 
 def subplots(*shape, figsize, **shared):
     """A figure, and its axes."""
     figure = Figure(figsize)
     return figure, figure.subplots(*shape, **shared)
-
-
-def film(walks, trials, path):
-    """Films walks to the one goal of these Trials side by side, at twice their speed, 16 s at most,
-    each until it ends. walks: a planner and a world of one robot, by name.
-    """
-    goal = robot_model.camera_at()[1:, :2] @ trials.goals[0, :2]
-    (left, low), (right, high) = np.minimum(goal, 0), np.maximum(goal, 0)
-    window = left - 0.6, right + 0.6, low - 0.4, high + 1.0  # [m] the robot is 0.8 m tall
-    figure, panels = subplots(1, len(walks), figsize=(4 * len(walks), 3))
-
-    def pictures(axes, name, planner, world):
-        world.reset([0], [env.stream(trials.purpose, trials.seed, trials.first)], trials.goals)
-        planner.reset(1)
-        feet, ended = [], False
-        while not ended:
-            for result in evaluate.pictures(axes, world, planner, feet, np.zeros(2), name, window):
-                yield result
-            ended = any(result[outcome][0] for outcome in evaluate.OUTCOMES)
-
-    films = [pictures(panel, name, *walks[name]) for panel, name in zip(np.ravel(panels), walks)]
-    evaluate.save_film(figure, islice(zip_longest(*films), 0, 200, 2), path)
 
 
 def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, stays=0.3):
@@ -405,31 +379,29 @@ def readme_result(rows):
     """README's result, from the rows of evaluation.json: a table, and what one must know beside it."""
     lines = []
     for name, what in WHAT.items():
-        (near,), (far,) = (
-            pick(rows, planner=name, noise=True, goal_std_m=std) for std in STD.values()
-        )
+        near, far = pick(rows, planner=name, noise=True)
         lines.append(
             {
                 "planner": f"`{name}`",
                 "what it is": what,
                 "near [s]": near["time_mean"],
                 "far [s]": far["time_mean"],
-                f"falls of {near['episodes'] + far['episodes']:,}": sum(
-                    with_falls(row)["falls"] for row in (near, far)
+                f"falls of {near['episodes'] + far['episodes']:,}": round(
+                    near["fall"] * near["episodes"] + far["fall"] * far["episodes"]
                 ),
                 "still there, far": far["still_there"],
             }
         )
     digits = dict.fromkeys(lines[0], 1) | {"still there, far": 2}
-    near, _, _ = saved("mujoco", False, "expert")
-    far, (faster, slower), _ = saved("mujoco", True, "expert")
-    plane, _, shown = saved("pymunk", False, "expert")
-    shown = "" if shown else ": perhaps nothing"
+    near, _ = saved("mujoco", far=False)
+    far, of_far = saved("mujoco", far=True)
+    plane, of_plane = saved("pymunk", far=False)
+    shown = "" if of_plane["time_ratio_ci95"][1] < 1 else ": perhaps nothing"
     arrived = min(row["success"] for row in pick(rows, noise=True))
     told = [
         f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (in brackets: 95 % "
-        f"intervals). To far goals it is sooner in {faster} of the walks, and later in {slower}. "
-        f"{said('seeds')['trainings']} In 2-D, to near goals, it saves {plane}{shown}.",
+        f"intervals). To far goals it is sooner in {share(of_far['faster'])} of the walks, and later in "
+        f"{share(of_far['slower'])}. {said('seeds')['trainings']} In 2-D, to near goals, it saves {plane}{shown}.",
         f"With every planner at least {share(arrived, 1)} of the walks succeed. {said('seeds')['pooled']} "
         f"{said('kicks')['hard']}",
         f"{said('kicks')['slow']} {said('transfer')['zeros']}",
@@ -454,14 +426,12 @@ def bullets(lines):
     return "".join(filled(f"- {line}").replace("\n", "\n  ") + "\n" for line in lines)
 
 
-def saved(sim, far, other):
-    """How much less time the policy takes than another planner, with noise, in words."""
-    wanted = {"noise": True, "goal_std_m": STD[far], "reference": other}
-    (row,) = pick(read_json(RESULTS / sim / "evaluation.json")["ratios"], **wanted)
-    ends = sorted(1 - end for end in row["time_ratio_ci95"])
-    interval = " to ".join(f"{100 * end:.0f}".replace("-", "−") for end in ends)
-    text = f"{share(1 - row['time_ratio'])} ({interval} %)"
-    return text, [share(row[key]) for key in ("faster", "slower")], ends[0] > 0
+def saved(sim, far):
+    """How much less time the policy takes than `expert`, with noise: in words, and as a row."""
+    ratios = read_json(RESULTS / sim / "evaluation.json")["ratios"]
+    (row,) = pick(ratios, noise=True, goal_std_m=STD[far], reference="expert")
+    high, low = (f"{100 * (1 - end):.0f}".replace("-", "−") for end in row["time_ratio_ci95"])
+    return f"{share(1 - row['time_ratio'])} ({low} to {high} %)", row
 
 
 def readme_findings():
@@ -483,15 +453,12 @@ def pasted(text, mark, part):
 
 
 def read_trials(path):
-    """The columns of a trials.csv, arrays by name, for every (planner, noise, σ of the goals)."""
-    lines = np.genfromtxt(path, delimiter=",", names=True, dtype=None, encoding="utf-8")
-    kinds, walks = lines[["planner", "noise", "goal_std_m"]].tolist(), {}
-    for kind in dict.fromkeys(kinds):
-        own = lines[[other == kind for other in kinds]]
-        planner, noise, std = kind
-        columns = {name: own[name] for name in lines.dtype.names}
-        walks[planner, noise == "yes", std] = columns | {"still_there": own["still_there"] == "yes"}
-    return walks
+    """The lines of a trials.csv, by (planner, noise, σ of the goals), each as an array with names."""
+    yes = dict.fromkeys(("noise", "still_there"), lambda cell: cell == "yes")
+    table = {"delimiter": ",", "names": True, "encoding": "utf-8", "converters": yes}
+    lines = np.genfromtxt(path, dtype=None, **table)
+    kinds = lines[["planner", "noise", "goal_std_m"]].tolist()
+    return {kind: lines[[other == kind for other in kinds]] for kind in dict.fromkeys(kinds)}
 
 
 def once():
@@ -505,7 +472,7 @@ def once():
             if reached.sum() != success.sum():
                 rates.add(f"{reached.mean():.3f} instead of {success.mean():.3f} with `{name}`")
     less = [
-        " to ".join(dict.fromkeys([share(min(parts)), share(max(parts))])) + f" with `{name}`"
+        " to ".join(dict.fromkeys(map(share, sorted(parts)))) + f" with `{name}`"
         for name, parts in saved.items()
     ]
     return paragraphs(
@@ -542,22 +509,18 @@ def pages():
     return found
 
 
-def write_pages():
-    """Pastes them, and says which have changed."""
-    for path, text in pages().items():
-        if text != path.read_text("utf-8"):
-            robot_model.write_text(path, text)
-            print("written:", path)
-
-
 def main_pages():
-    """Before the pages, pictures that a stage has just drawn into results/ get their stamp."""
+    """Writes the pages, and says which have changed. Before that, pictures that a stage has just
+    drawn into results/ get their stamp."""
     parser = argparse.ArgumentParser(description="Puts the numbers of results/ into the pages.")
     told = "Say in these pictures, results/SIM/NAME, with what they have just been drawn."
     parser.add_argument("--stamp", nargs="+", type=Path, default=[], help=told)
     for path in parser.parse_args().stamp:
         stamp(path, made_with(path.resolve().relative_to(RESULTS).parts[0]))
-    write_pages()
+    for path, text in pages().items():
+        if text != path.read_text("utf-8"):
+            robot_model.write_text(path, text)
+            print("written:", path)
 
 
 if __name__ == "__main__":

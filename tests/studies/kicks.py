@@ -26,9 +26,9 @@ SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 def study_pushes(args):
     """Rows of every planner at every Δv, on far goals."""
     planners, rows = {"policy": common.shipped(args.sim), **common.opponents(args.sim)}, []
-    for speed, name in product(SPEEDS, planners):
+    for speed, (name, planner) in product(SPEEDS, planners.items()):
         world = common.world(args.sim, push=speed)
-        ended = common.walks(planners[name], world, far=True, first=seeds.POOLED_FIRST)
+        ended = common.walks(planner, world, far=True, first=seeds.POOLED_FIRST)
         rows.append(common.row_of(ended, name, far=True, speed=speed))
     return rows
 
@@ -184,9 +184,8 @@ def study_steps(args):
             ended = common.walks(policy, world, far, sets, first=seeds.POOLED_FIRST)
             if answer == "all":
                 reference = ended
-            ratio = evaluate.time_ratio(ended, reference)
             row = {"world": name, "push": push, "answer": answer}
-            row |= {f"time_over_all{end}": ratio[f"time_ratio{end}"] for end in ("", "_ci95")}
+            row |= common.time_over("time_over_all", ended, reference)
             row |= evaluate.mcnemar(common.fell(ended), common.fell(reference))
             rows.append(common.row_of(ended, "policy", far, **row))
     return rows
@@ -232,7 +231,7 @@ def steps(rows):
             lines[-1][f"time at {push} m/s"] = common.cell(row, "time_over_all", 2)
 
     def elsewhere(answer):
-        falls = [row["fall"] for row in pick(rows, answer=answer) if row["world"] in HARD]
+        falls = [values(rows, "fall", world=world, answer=answer)[0] for world in HARD]
         return f"{share(min(falls))} to {share(max(falls))}"
 
     return (
@@ -264,9 +263,7 @@ def found(data):
 
     hard = values(pushes, "fall", speed=0.6)
     gyro = values(worlds, "fall", world="a gyro ten times worse")
-    (exact,), (wrong,) = (
-        pick(worlds, world=name, goal_std_m=common.STD[True]) for name in [*WORLDS][-2:]
-    )
+    exact, wrong = (pick(worlds, world=name)[-1] for name in [*WORLDS][-2:])  # far goals
     outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
     return {
         "pushed": "In 3-D, pushed by 0.4 m/s every 3 s on average, the robot falls in "

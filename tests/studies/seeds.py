@@ -18,6 +18,7 @@ learning.gif.
 """
 
 from dataclasses import replace
+from itertools import islice, zip_longest
 from pathlib import Path
 
 import common
@@ -51,20 +52,18 @@ def walked(sim, policies, sets, opponents, first=POOLED_FIRST, **settings):
             name, seed = (key, None) if key in opponents else ("policy", key)
             row = common.row_of(ended, name, far, seed=seed, push=push)
             for other in opponents if name == "policy" else ():
-                ratio = evaluate.time_ratio(ended, walks[other])
-                row[f"over_{other}"] = ratio.get("time_ratio")
-                row[f"over_{other}_ci95"] = ratio.get("time_ratio_ci95")
+                row |= common.time_over(f"over_{other}", ended, walks[other])
             rows.append(row)
     # All policies walked the same trials, so their walks are not independent: a trial is resampled
     # with the walks of all policies in it, and with that of the opponent.
     more = []
     for (push, other), theirs in falls.items():
-        if other in opponents and policies:
+        if other in opponents:
             ours = np.mean([falls[push, key] for key in policies], (0, 1))  # [n] of all policies
             difference = ours - np.mean(theirs, 0)
             row = {"push": push, "other": other, "more_falls": difference.mean()}
-            interval = evaluate.bootstrap(lambda a: a.mean(1), difference)
-            more.append(row | {"more_falls_ci95": [*interval]})
+            row["more_falls_ci95"] = [*evaluate.bootstrap(lambda a: a.mean(1), difference)]
+            more.append(row)
     return {"goals": sets * common.PER_SET, "rows": rows, "more_falls": more}
 
 
@@ -75,8 +74,7 @@ def turn_walk_turn(goals, world):
     """
     (back, _, inward), (ahead, _, outward) = world.limits.low, world.limits.high
     turn = outward - inward  # [rad] in a double step
-    bearing, yaw = np.arctan2(goals[:, 1], goals[:, 0]), goals[:, 2]
-    plans = []
+    (_, yaw, bearing), plans = env.polar(goals), []
     for length, direction in ((ahead, bearing), (-back, bearing + np.pi)):
         turns = np.abs(env.wrap(np.stack([direction, yaw - direction]))) / turn
         way = np.linalg.norm(goals[:, :2], axis=1) / (2 * length)
@@ -90,7 +88,7 @@ def study_distances(args):
     planners = {**common.opponents(args.sim), "policy": policy, EXACT: policy}
     far = np.repeat(DISTANCES, GOALS)
     way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
-    goals = np.stack([far * np.cos(way), far * np.sin(way), yaw], -1)
+    goals = np.column_stack([robot_model.turned([1, 0], way) * far[:, None], yaw])
     rows, falls = [], {}
     world = common.world(args.sim, num_robots=len(far))
     plan = turn_walk_turn(goals, world)
@@ -127,19 +125,29 @@ def study_pooled(args):
 
 
 def study_film(args):
-    """Films the policies of some files on their way to one goal: learning.gif."""
+    """Films the policies of some files side by side on their way to one goal, at twice their speed,
+    for 16 s at most, each until its walk ends: learning.gif."""
     if not args.film:
         return print("the film is left out: --film FILES")
-    trials = evaluate.Trials(np.array(evaluate.FIGURE_GOALS[:1]), 0)
-    walks = {
-        f"{path.stem} double steps": (
-            common.policy(path, args.sim),
-            common.world(args.sim, num_robots=1, noise=False),
-        )
-        for path in args.film
-    }
-    common.film(walks, trials, args.out.parent / "learning.gif")
-    return {"files": [*walks]}
+    window = -0.6, 1.63, -0.41, 1.0  # [m] the goal is on the right; the robot is 0.8 m tall
+    names = [f"{path.stem} double steps" for path in args.film]
+    figure, panels = common.subplots(1, len(names), figsize=(4 * len(names), 3))
+
+    def pictures(axes, name, path):
+        planner = common.policy(path, args.sim)
+        world = common.world(args.sim, num_robots=1, noise=False)
+        world.reset([0], [env.stream("evaluation", 0, 0)], evaluate.FIGURE_GOALS[:1])
+        planner.reset(1)
+        feet, ended = [], False
+        while not ended:
+            for result in evaluate.pictures(axes, world, planner, feet, np.zeros(2), name, window):
+                yield result
+            ended = any(result[outcome][0] for outcome in evaluate.OUTCOMES)
+
+    films = map(pictures, np.ravel(panels), names, args.film)
+    every_second = islice(zip_longest(*films), 0, 200, 2)
+    evaluate.save_film(figure, every_second, args.out.parent / "learning.gif")
+    return {"files": names}
 
 
 class Watched(env.FootstepWorld):
@@ -301,23 +309,23 @@ def found(data):
     """Sentences by name, from the numbers of both simulators."""
     parts = "distances", "pooled", "seeds", "estimate"
     distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
-    everywhere = [
-        pick(distances["rows"], planner=name) for name in ("policy", "baseline_tuned", "expert")
+    by_distance, rows = distances["rows"], trained["rows"]  # by distance, by training
+    times = [
+        values(by_distance, "time_mean", planner=name)
+        for name in ("policy", "baseline_tuned", "expert")
     ]
-    times = [values(rows, "time_mean") for rows in everywhere]
     falls = distances["falls"]
     first, many = np.sum(np.argmin(times, 0) == 0), len(DISTANCES)
     won = f"all of {many}" if first == many else f"{first} of {many}"
-    policy, tuned, by_hand = (rows[-1] for rows in everywhere)  # at 6 m
+    policy, tuned, by_hand = (own[-1] for own in times)  # at 6 m
     near, far, pushed = pooled["rows"]
-    (exact,) = pick(distances["rows"], planner=EXACT, distance=2.0)
-    (noisy,) = pick(distances["rows"], planner="policy", distance=2.0)
-    rows = trained["rows"]
+    (exact,) = pick(by_distance, planner=EXACT, distance=2.0)
+    (noisy,) = pick(by_distance, planner="policy", distance=2.0)
     ratios = values(rows, "over_expert", planner="policy", push=0.0)
 
     def fell_far(name):
-        rows = [row for row in distances["rows"] if row["distance"] >= FAR]
-        return common.falls(rows, planner=name)[0]
+        rows = [row for row in by_distance if row["distance"] >= FAR]
+        return sum(values(rows, "falls", planner=name))
 
     def compared(push, kind):
         ours, theirs = ({"planner": name, "push": push} for name in ("policy", "expert"))
@@ -336,8 +344,8 @@ def found(data):
     )
     return {
         "distances": f"From 0 to 6 m, the policy is faster than `baseline_tuned` and `expert` at "
-        f"{won} distances. At 6 m it takes {policy['time_mean']:.1f} s, `baseline_tuned` "
-        f"{tuned['time_mean']:.1f} s and `expert` {by_hand['time_mean']:.1f} s.",
+        f"{won} distances. At 6 m it takes {policy:.1f} s, `baseline_tuned` "
+        f"{tuned:.1f} s and `expert` {by_hand:.1f} s.",
         "far": f"In {falls['walks']} walks from {FAR:.0f} m on, the robot falls {fell_far('policy')} times with "
         f"the policy, {fell_far('baseline_tuned')} times with `baseline_tuned` and {fell_far('expert')} times "
         f"with `expert`. Between policy and `expert` {common.verdict(falls['p'])}. With the policy and without "
