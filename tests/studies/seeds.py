@@ -120,8 +120,8 @@ def study_all(args):
 
 def study_pooled(args):
     """Rows of the shipped policy in many walks."""
-    found = walked(args.sim, {None: common.shipped(args.sim)}, POOLED_SETS, {})
-    return {"first_seed": POOLED_FIRST, **found}
+    policy = {None: common.shipped(args.sim)}
+    return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, {})}
 
 
 def study_film(args):
@@ -328,13 +328,13 @@ def found(data):
         return sum(values(rows, "falls", planner=name))
 
     def compared(push, kind):
-        ours, theirs = ({"planner": name, "push": push} for name in ("policy", "expert"))
         (more,) = pick(trained["more_falls"], push=push, other="expert")
         low, high = (f"{100 * end:.1f}".replace("-", "−") for end in more["more_falls_ci95"])
         shown = np.prod(more["more_falls_ci95"]) > 0
         return (
             f"With the policies of {len(ratios) // 2} trainings the robot fell in "
-            f"{fallen(rows, **ours)} {kind}, with `expert` in {fallen(rows, **theirs)}. "
+            f"{fallen(rows, planner='policy', push=push)} {kind}, with `expert` in "
+            f"{fallen(rows, planner='expert', push=push)}. "
             f"The difference (95 %: {low} to {high} %) {'is not' if shown else 'may be'} chance."
         )
 
