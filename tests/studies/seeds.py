@@ -129,7 +129,7 @@ def study_film(args):
     for 16 s at most, each until its walk ends: learning.gif."""
     if not args.film:
         return print("the film is left out: --film FILES")
-    window = -0.6, 1.63, -0.41, 1.0  # [m] the goal is on the right; the robot is 0.8 m tall
+    window = -0.6, 1.63, -0.41, 1.0  # [m] around start, goal and a robot of 0.8 m
     names = [f"{path.stem} double steps" for path in args.film]
     figure, panels = common.subplots(1, len(names), figsize=(4 * len(names), 3))
 
