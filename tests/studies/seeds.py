@@ -78,7 +78,8 @@ def turn_walk_turn(goals, world):
     for length, direction in ((ahead, bearing), (-back, bearing + np.pi)):
         turns = np.abs(env.wrap(np.stack([direction, yaw - direction]))) / turn
         way = np.linalg.norm(goals[:, :2], axis=1) / (2 * length)
-        plans.append(np.ceil(turns).sum(0) + np.ceil(way))
+        whole = np.ceil(way - 1e-9)  # 25.000000000000004 is 25
+        plans.append(np.ceil(turns).sum(0) + whole)
     return world.engine.period * np.min(plans, 0)
 
 
