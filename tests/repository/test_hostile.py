@@ -75,8 +75,8 @@ def test_a_stage_leaves_the_settings_of_a_notebook_alone():
 
 
 def test_the_backend_of_a_notebook_may_be_missing():
-    """`!.venv/bin/python 05_evaluate.py` in a cell passes on what the notebook draws with."""
-    done = python("05_evaluate.py", "--help", MPLBACKEND="inline")
+    """`!.venv/bin/python 01_robot_model.py` in a cell passes on what the notebook draws with."""
+    done = python("01_robot_model.py", "--help", MPLBACKEND="inline")
     assert done.returncode == 0, done.stderr
 
 

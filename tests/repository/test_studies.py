@@ -336,6 +336,7 @@ def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypa
         return {"outcome": outcome, "time": np.ones(400), "still_there": outcome == "success"}
 
     monkeypatch.setattr(common, "walks", walks)
+    monkeypatch.setattr(common, "world", lambda *_, **settings: None)  # nobody walks there
     found = seeds.walked("pymunk", {0: 0, 1: 1}, 1, {"expert": "expert"})
     for push in (0.0, 0.4):
         (row,) = common.pick(found["more_falls"], push=push)
