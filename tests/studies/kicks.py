@@ -19,7 +19,7 @@ import numpy as np
 import seeds
 from common import env, evaluate, fallen, pick, robot_model, share, values
 
-DURATION = "pushes: 2 minutes on two cores, worlds: 5; 3-D: pushes 4, worlds 15, steps 25"
+DURATION = "pushes: 2 minutes on two cores, worlds: 7; 3-D: pushes 4, worlds 20, steps 25"
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 
 
