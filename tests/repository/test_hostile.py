@@ -80,7 +80,9 @@ def test_the_backend_of_a_notebook_may_be_missing():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("surrounding", ["notebook", "debugger", "profiler", "thread"])
+@pytest.mark.parametrize("surrounding", [
+    "notebook", *(pytest.param(name, marks=pytest.mark.slow) for name in ("debugger", "profiler", "thread")),
+])  # fmt: skip
 def test_stage_5_walks_in_any_surrounding(surrounding, tmp_path, monkeypatch, capfd):
     """Where no other process can help."""
     (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n")

@@ -189,7 +189,9 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     assert len(words.splitlines()) <= 22, "the hints come last, and in a few lines"
 
 
-@pytest.mark.parametrize("shell, first", [("bash", "for"), ("pwsh", "Get-ChildItem")])
+@pytest.mark.parametrize("shell, first", [
+    pytest.param("bash", "for", marks=pytest.mark.slow), ("pwsh", "Get-ChildItem"),
+])  # fmt: skip
 def test_the_lines_for_teachers_grade_submissions_and_collect_the_marks(
     tmp_path, monkeypatch, shell, first
 ):
@@ -275,9 +277,9 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add(messag
     assert grading.hint(report) == said
 
 
-@pytest.mark.parametrize("trains", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted(trains):
-    cases = [case for case in referee.written() if (case.exercise == "improve") == trains]
+@pytest.mark.slow
+def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepted():
+    cases = [*referee.written()]
     problems = [
         f"{case.exercise}: “{case.mistake}” must get “{case.words or 'no complaint'}”, but gets {said}"
         for case, said in zip(cases, graded(cases))
