@@ -680,9 +680,9 @@ def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
     away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    # Robots 0 and 2 have time for one more, but robot 2 waits, and others do, too.
-    world.ticks[:] = began = usual * np.subtract(whole, [2, 1, 2, 1, 1])
-    waits = np.array([0, 3, usual, 8, 1])
+    # Robots 0 and 2 have time for more, but robot 2 waits for long, and others wait, too.
+    world.ticks[:] = began = usual * np.subtract(whole, [3, 1, 2, 1, 1])
+    waits = np.array([2, 3, usual, 8, 1])
     world.was_inside[3] = True
     follow(world, [away, away, goal, goal, goal], want == "fall", waits)
     _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
@@ -697,6 +697,7 @@ def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
     ended = began + usual + waits
     time = 0.01 * np.where(want == "success", began, ended)
     close(final["time"], time, "[s], also of a double step that waits; a success was there before")
+    equal(world.ticks, ended * (want == ""), "waiting takes time; the next episode begins with 0")
 
 
 def test_staggered_episodes_end_one_by_one_and_only_the_first_ones_are_short():
