@@ -55,22 +55,23 @@ were not recorded is replaced by V of the LAST observation of that episode ("boo
 first observation of the next episode must not be used. Where a rollout ends within an episode, this
 sum is replaced by V of the observation that follows.
 
-In learning_curve.png successes should rise, time-outs and times of successes should fall. Falls are
-rare from the start, as the most likely action of the first policy is to step on the spot. The first
-episode of each robot is cut off after a random time, so that not all robots run out of time at
-once. The shortest of these episodes end first, and have collected few negative rewards. So the
-curve of the return begins too high, and sinks at first. The entropy, which says how random the
-policy is, falls: the policy learns to be narrow. The clip fraction and the KL say how much a
-rollout changes the policy; they fall at the end, with the learning rate. The explained variance
-says how much of the differences between the critic's targets V has predicted. It stays low here:
-even the true goal tells little of what a walk will return (*A critic that sees the truth* in
-`tests/exercises/projects.md`).
+In learning_curve.png successes should rise, time-outs and times of successes should fall. (The
+first successes are of short walks, so their times begin too low.) Falls are rare from the start, as
+the most likely action of the first policy is to step on the spot. The first episode of each robot
+is cut off after a random time, so that not all robots run out of time at once. The shortest of
+these episodes end first, and have collected few negative rewards. So the curve of the return begins
+too high, and sinks at first. The entropy, which says how random the policy is (in nats: with
+natural logarithms), falls: the policy learns to be narrow. The clip fraction (of samples outside of
+1 ± ε) and the KL (Kullback-Leibler divergence) say how much a rollout changes the policy; they fall
+with the learning rate, most at the end. The explained variance says how much of the differences
+between the critic's targets V has predicted. It stays low here: even the true goal tells little of
+what a walk will return (*A critic that sees the truth* in `tests/exercises/projects.md`).
 
 How to read this file: read down to the line of equals signs. Below it are `train`, which keeps the
 files of a training, the picture, and the command line.
 
-Leaves out: the entropy bonus of [7], value clipping, a stop at a large Kullback-Leibler divergence
-(KL), recurrent policies, normalisation of observations and rewards, GPUs.
+Leaves out: the entropy bonus of [7], value clipping, a stop at a large KL, recurrent policies,
+normalisation of observations and rewards, GPUs.
 
 [7] Schulman et al.: Proximal Policy Optimization Algorithms, 2017, arXiv 1707.06347.
 [8] Raffin et al.: Stable-Baselines3: Reliable Reinforcement Learning Implementations, 2021.
@@ -119,7 +120,7 @@ class PPOConfig:
 
 # ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
-    """Linear layers with tanh between them. The first weights are random and orthogonal, as in [8]."""
+    """Linear layers with tanh between them. The first weights are random, orthogonal, as in [8]."""
     layers = []
     for inputs, outputs in zip(sizes[:-1], sizes[1:]):
         linear = nn.Linear(inputs, outputs, dtype=torch.float32)
@@ -212,16 +213,20 @@ def collect(model, envs, obs, steps):
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     """(2) Advantages A_t by generalised advantage estimation [GAE]; everything [T, N].
 
-    next_values[t] is V of what really followed step t. The error of the critic in one step is
+    next_values[t] is V of what really followed step t. (Behind a fall it may be anything, or nan.)
+    The action of one step gave r_t + γ·V(s_{t+1}), and V(s_t) was expected. The difference is
         δ_t = r_t + γ·V(s_{t+1}) − V(s_t).
-    Three estimates of the advantage are made of it:
+    Three estimates of the advantage are made of it, here without the end of an episode (for that
+    see the head, "A cut-off and a fall"):
         one step     δ_t                  little noise, but wrong where the critic is wrong
         two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t): the V between
                                           cancels
-        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy. (Where the
-                                          rollout ends before the episode, V stands for the rest.)
-    λ between 0 (the first row) and 1 (the last one) lets later errors fade:
-        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so the error 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
+        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average (a wrong V(s_t) is the
+                                          same for all actions, like b in the head), but noisy.
+                                          (Where the rollout ends before the episode, V stands for
+                                          the rest.)
+    λ between 0 (the first line above) and 1 (the last one) lets later δ fade:
+        A_t = Σ_k (γλ)ᵏ·δ_{t+k}        so δ 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
     """
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
     deltas = rewards + gamma * after - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
@@ -297,9 +302,8 @@ def improve(model, optimizer, data, cfg):
     with torch.no_grad():  # the policy after the update against π_old
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
-        # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. As E[ρ − 1] = 0,
-        # we may add ρ − 1: the mean stays the same. Near ρ = 1 the noise of ρ − 1 nearly cancels
-        # that of −ln ρ, as there ln ρ ≈ ρ − 1.
+        # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. We take the mean
+        # of (ρ − 1) − ln ρ: it is the same, as E[ρ − 1] = 0, with less noise, as ln ρ ≈ ρ − 1.
         return {
             "entropy": entropy.item(),
             "explained_variance": 1.0 - unexplained.item(),
@@ -475,7 +479,7 @@ PANELS = {  # title and unit: columns
 
 
 def plot_learning_curve(rows, path, title):
-    """Draws the log: a dot for each update, and a line, the mean over a twentieth of all updates."""
+    """Draws the log: a dot for each update, and a line, the mean over a twentieth of them."""
     steps = np.array([row["steps"] for row in rows])  # [U]
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(10, 13))

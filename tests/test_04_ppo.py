@@ -50,29 +50,26 @@ def test_gae_equals_the_double_sum(lam):
     r, v, v_next = rng.normal(size=(3, steps, robots))
     terminated, truncated = rng.random((2, steps, robots)) < 0.15
     assert (terminated & truncated).any(), "the test should contain steps that are both"
-    for rows, ends, hint in (
-        (
-            1,
-            False,
-            "a single step: A = δ = r + γ·V(s') − V(s), not the critic's target, "
-            "which is without minus V(s), and not normalised",
-        ),
-        (
-            steps,
-            False,
-            "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step "
-            "backward; V(s'_t) is next_values[t]",
-        ),
-        (
-            steps,
-            True,
-            "does a fall zero V(s') (0·nan is nan: select with torch.where instead of "
-            "multiplying), and do a fall AND a cut-off both stop the λ-sum?",
-        ),
+    one = "a single step: A = δ = r + γ·V(s') − V(s), not the critic's target, which is without minus "
+    one += "V(s), and not normalised"
+    many = "nothing ends: A_t = δ_t + γ·λ·A_{t+1}, from the last step backward; V(s'_t) is "
+    many += "next_values[t]"
+    fallen = "after a fall V(s') counts as 0, and the sum stops"
+    cut = "after a cut-off V(s') stays (the bootstrap), and the sum stops"
+    unknown = (
+        "behind a fall V(s') may be nan, and 0·nan is nan: select with torch.where instead of "
+    )
+    unknown += "multiplying"
+    for rows, falls, cuts, behind, hint in (
+        (1, False, False, 0.0, one),
+        (steps, False, False, 0.0, many),
+        (steps, True, False, 0.0, fallen),
+        (steps, False, True, 0.0, cut),
+        (steps, True, True, np.nan, unknown),
     ):
-        fall = terminated & ends
-        after = np.where(fall, np.nan, v_next)  # nobody may look at the value behind a fall
-        told = [x[:rows] for x in (r, v, after, fall, truncated & ends)]
+        fall = terminated & falls
+        after = v_next + np.where(fall, behind, 0.0)
+        told = [x[:rows] for x in (r, v, after, fall, truncated & cuts)]
         given = [*map(torch.tensor, told)]  # [rows, robots] each
         got = ppo.gae(*given, gamma, lam)
         for tensor, array in zip(given, told):

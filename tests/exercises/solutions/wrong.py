@@ -173,8 +173,8 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
 
 
 @right("a list that is turned round")
-@wrong("no bootstrap after a cut-off", "does a fall zero")
-@wrong("the flags of the row before", "does a fall zero")
+@wrong("no bootstrap after a cut-off", "after a cut-off V(s') stays")
+@wrong("the flags of the row before", "after a fall V(s') counts as 0")
 @wrong("0·nan", "0·nan is nan")
 @wrong("V of the next row", "next_values[t]")
 @wrong("normalised", "not normalised")
