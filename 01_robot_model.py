@@ -80,6 +80,7 @@ from pathlib import Path
 
 if "IPython" not in sys.modules:
     os.environ.pop("MPLBACKEND", None)  # of a notebook that starts this script: we need no backend
+    os.environ.setdefault("MUJOCO_GL", "disable")  # nor OpenGL, for which MuJoCo starts a process
 
 import matplotlib
 import mujoco.rollout
@@ -1029,8 +1030,7 @@ def start(main):
     except BrokenPipeError:
         os._exit(1)  # nobody reads what is still to be printed
     except (InputError, KeyboardInterrupt) as error:
-        message = str(error) or "interrupted"
-        print(f"\n{Path(sys.argv[0]).name}: {message}", file=sys.stderr)
+        print(f"\n{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
         sys.exit(2)
 
 

@@ -516,8 +516,7 @@ def pushed(sim, parameters, speed, count=12):
         for i, measured, ticks in zip(plan.robots, tilt, motion.ticks):
             tilts[i] += [*measured[:ticks]]
 
-    plans = [[WALKS["forward"]] * 10] * count
-    _, _, fall = walk_plans(sim, parameters, plans, None, push, watch)
+    _, _, fall = walk_plans(sim, parameters, [[WALKS["forward"]] * 10] * count, None, push, watch)
     return tilts, fall < 10
 
 
