@@ -7,6 +7,9 @@ have the paper's numbers. `tests/exercises/ledger.md` lists what the paper says.
     python 01_robot_model.py             pymunk: sagittal plane + yaw
     python 01_robot_model.py --mujoco    MuJoCo: full 3-D
 
+The planar robot has six joints, and real contact: in the sagittal plane (forward and up) it stands,
+slips and falls as the physics says. Sideways it moves as commanded, and it turns as commanded.
+
 101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
 own, between 0.25 and 0.35 rad. This takes eight simulated seconds, slow at the beginning and the
 end.
@@ -78,10 +81,6 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 from pathlib import Path
 
-if "IPython" not in sys.modules:
-    os.environ.pop("MPLBACKEND", None)  # of a notebook that starts this script: we need no backend
-    os.environ.setdefault("MUJOCO_GL", "disable")  # nor OpenGL, for which MuJoCo starts a process
-
 import matplotlib
 import mujoco.rollout
 import numpy as np
@@ -94,8 +93,13 @@ LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
-GROUND = [0, 1, 5]  # x, y, yaw of a torso's pose: where it stands on the floor
-READ_EVERY = 2  # [ticks] how often the IMU is read; our choice
+# Columns of a robot's state, see `Simulator`. The first three also name columns of a torso's pose.
+GROUND, HEIGHT, TILT = (
+    [0, 1, 5],
+    2,
+    [3, 4],
+)  # x, y, yaw: where it stands on the floor; z; roll, pitch
+TORSO, ANGLES, TILT_RATES, YAW_RATE = slice(6), np.arange(6, 18), [18, 19], 20
 
 
 @dataclass(frozen=True)
@@ -149,7 +153,6 @@ class RobotModel:
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
     planar_iterations: int = 20  # [-] of the solver: joints open by less than 1.3 mm; our choice
-    yaw_inertia: float = 0.05  # [kg m²] whole robot about the vertical; our estimate
 
     @property
     def hips(self):
@@ -165,10 +168,11 @@ class Body:
     friction: np.ndarray  # [n] μ of the floor
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
-    stiction: np.ndarray  # [n, 12] [N m] dry friction
-    delay: np.ndarray  # [n] [ticks] 0 or 1, from target to motor
+    stiction: np.ndarray  # [n, 12] factors on the dry friction of the motors
+    delay: np.ndarray  # [n] from target to motor, see `Simulator.run`; 0: none, 1: a tick
     zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
     com: np.ndarray  # [n, 3] [m] how far the torso's centre of mass is from that of the model
+    gyro: np.ndarray  # [n, 2] [rad/s] constant error of the measured rates of roll and pitch
 
     @classmethod
     def as_model(cls, robot, n):
@@ -177,40 +181,33 @@ class Body:
             np.full(n, robot.friction),
             np.ones((n, 9)),
             np.ones((n, 12)),
-            np.tile(robot.stiction, (n, 2)),
-            np.zeros(n, int),
+            np.ones((n, 12)),
+            np.zeros(n),
             np.zeros((n, 12)),
             np.zeros((n, 3)),
+            np.zeros((n, 2)),
         )
 
 
 class Trajectory:
-    """The commands for n robots in T control ticks. Sample t is the target after t ticks. Sample 0
-    repeats the last target of the trajectory before, or the stance."""
+    """Joint targets of n robots for T control ticks, whatever the robots measure (open loop). The
+    plans of stage 2 have the same interface, and answer what is measured (closed loop)."""
 
-    def __init__(self, joints, trunk, wait=0):
-        self.joints = joints  # [n, T + 1, 12] joint targets [rad]
-        self.trunk = trunk  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
-        self.ticks = joints.shape[1] - 1  # T; a multiple of READ_EVERY
-        # A plan of stage 2 may wait: then it takes longer, and its progress is not the time.
-        self.most_ticks = self.ticks + wait
+    def __init__(self, joints):
+        self.joints = joints  # [n, T + 1, 12] [rad] sample t: after t ticks; sample 0: the stance
+        self.ticks = joints.shape[1] - 1  # T
+        self.most_ticks = self.ticks  # a plan that waits, see stage 2, may take more
         self.progress = np.zeros(len(joints))  # [n] ticks of the plan that each robot has done
 
-    def targets(self, rows, tick, imu):
-        """The commands for the next READ_EVERY ticks, for these rows [k] of the plan's robots.
+    def go_on(self, rows, tick, imu):
+        """Goes on by a tick, for these rows [k] of the plan's robots. `tick` have passed so far.
 
-        With R = READ_EVERY: returns samples of the joint targets [k, R + 1, 12] and of the trunk
-        [k, R + 1, 6], one for now and one for the end of each tick, and what is added to the joint
-        targets [k, R, 12]. Here nothing is added (open loop). The plans of stage 2 answer what is
-        measured (closed loop).
-
-        imu [k, 4]: the torso's roll and pitch [rad], and its rates about its x and y axes [rad/s],
-        as measured now.
+        imu [k, 4]: what `Simulator.imu` measures now. Returns where the joints should be at the end
+        of the tick, [k, 12] [rad], and how the trunk should move on the floor in it, [k, 3]: x, y
+        [m], yaw [rad] as seen from where it was.
         """
-        self.progress[rows] += READ_EVERY
-        at = slice(tick, tick + READ_EVERY + 1)
-        joints = self.joints[rows, at]
-        return joints, self.trunk[rows, at], np.zeros_like(joints[:, 1:])
+        self.progress[rows] += 1
+        return self.joints[rows, tick + 1], np.zeros((len(rows), 3))
 
 
 @dataclass
@@ -218,12 +215,12 @@ class Disturbance:
     """Pushes, and errors of the IMU, that n robots meet in T control ticks. No plan knows them."""
 
     push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; planar: x ahead of the torso
-    imu: np.ndarray  # [n, T, 4] measured − true roll, pitch [rad], rates about x, y [rad/s]
+    imu: np.ndarray  # [n, T, 4] measured − true roll, pitch [rad], and their rates [rad/s]
 
     @classmethod
     def none(cls, plan):
-        """No push and an exact IMU, as long as this Trajectory lasts."""
-        shape = len(plan.joints), plan.most_ticks
+        """No push and an exact IMU, as long as this plan may last."""
+        shape = len(plan.progress), plan.most_ticks
         return cls(np.zeros((*shape, 2)), np.zeros((*shape, 4)))
 
 
@@ -431,9 +428,8 @@ def main():
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
     print(len(leans), "robots lean forward: some seconds")
     sim = SIMULATORS[args.sim](len(leans), standing, robot)
-    # Nothing here needs to know where the trunk should be: 0
-    plan = Trajectory(joints, np.zeros_like(joints[..., :6]))
-    motion = sim.run(np.arange(len(leans)), plan)
+    sim.reset(np.arange(len(leans)))
+    motion = sim.run(np.arange(len(leans)), Trajectory(joints))
     if motion.fell[0] or not motion.fell.any():
         raise InputError("a robot falls at the first lean, or none: change the range of `leans`")
     i = motion.fell.argmax()  # the first one
@@ -461,83 +457,74 @@ def main():
 # ------------------------------------------------------------------------ the control loop
 class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
-    joint targets, and hands them to the motors. A kind of physics is a class that adds
+    joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
+    that adds
 
         place(robots)      these robots stand at the origin, with their `body`
-        advance(robots, targets, push, trunk)
-                           simulates some ticks and returns the states after them [n, ticks, 21]
+        advance(robots, targets, push, move)
+                           simulates a control tick and returns the states after it [n, 21]
 
-    where targets [n, ticks, 2, 12] are joint targets [rad] and their rates [rad/s], push
-    [n, ticks, 2] is the force on the torso [N], and trunk [n, ticks + 1, 6] is where the trunk
-    should be. SIMULATORS names the classes.
+    where targets [n, 2, 12] are the joint targets at the beginning and at the end of the tick
+    [rad], push [n, 2] is the force on the torso [N], and move [n, 3] is how the trunk should move,
+    see `Trajectory`. SIMULATORS names the classes.
 
     A state holds the torso's x, y, z [m], roll, pitch, yaw [rad], the twelve joints [rad], and the
-    torso's turning rates about its own axes [rad/s].
+    rates of roll, pitch and yaw [rad/s].
     """
 
     planar = False  # do the robots live in the sagittal plane?
-    TARGETS = slice(1, None)  # of the samples: a tick gets the target of its end
 
     def __init__(self, num_robots, standing, robot):
         self.robot = robot
         self.standing = standing  # torso [6], joints [12], see `stance`
         self.body = Body.as_model(robot, num_robots)
-        self.last = np.zeros((num_robots, 2, 12))  # joint targets of the last tick, and their rates
         self.state = np.zeros((num_robots, 21))
-        self.reset(np.arange(num_robots))
+        self.chosen, self.sent = np.zeros((2, num_robots, 12))  # targets of the last tick [rad]
 
     def reset(self, robots, body=None):
-        """Robots [n] stand at the origin again, with this Body; None: that of the model."""
+        """Robots [n] stand at the origin, with this Body; None: that of the model."""
         body = body or Body.as_model(self.robot, len(robots))
         for name, values in vars(body).items():
             getattr(self.body, name)[robots] = values
         torso, joints = self.standing
-        self.last[robots] = joints, np.zeros(12)
         self.state[robots] = np.concatenate([torso, joints, np.zeros(3)])
+        self.chosen[robots] = self.sent[robots] = joints
         self.place(robots)
 
     def imu(self, robots):
-        """The torso's roll and pitch [rad], and its rates about x and y [rad/s], [n, 4]."""
-        return self.state[robots][:, [3, 4, 18, 19]]
+        """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
+        [n, 4]. (A gyro measures the rates about the torso's own axes. While the robot is upright
+        these are nearly the same.)"""
+        state = self.state[robots]
+        return np.hstack([state[:, TILT], state[:, TILT_RATES] + self.body.gyro[robots]])
 
     def run(self, robots, plan, disturbance=None):
-        """Lets these robots [n] follow their plan, a Trajectory; returns their Motion.
+        """Lets these robots [n] follow their plan, a Trajectory, in one control tick after the
+        other; returns their Motion. A robot whose plan is done keeps its state.
 
-            samples     s₀     s₁     s₂      s₀ is the target now, s₁ that of the next tick's end
-            time      ───┼──────┼──────┼───
-            ticks        │  1   │  2   │      rate of tick k: (sₖ − sₖ₋₁) / control_dt
-            read IMU     ↑             ↑
-
-        A tick's target is TARGETS of the samples, plus what the plan adds. With a delay of 1 the
-        motor still gets the target of the tick before. k: the robots whose plan goes on.
+        What is sent to the motors may be late: target + delay·(target of the tick before − target).
+        With a delay of 1 the whole target is a tick late. One between 0 and 1 is a mixture, and no
+        true delay.
         """
         robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
-        tick, ticks, fell = 0, np.zeros(len(robots), int), np.zeros(len(robots), bool)
-        states = [self.state[robots][:, None]]
-        while len(rows := np.flatnonzero(plan.progress < plan.ticks)):  # [k]
-            on, end = robots[rows], tick + READ_EVERY
-            measured = self.imu(on) + disturbance.imu[rows, tick]
-            samples, trunk, added = plan.targets(rows, tick, measured)
-            speeds = np.diff(samples, axis=1) / self.robot.control_dt  # [k, ticks, 12] [rad/s]
-            angles = samples[:, self.TARGETS] + added
-            now = np.stack([angles, speeds], 2)  # [k, ticks, 2, 12]
-            late = np.concatenate([self.last[on][:, None], now[:, :-1]], 1)  # by a tick
-            self.last[on] = now[:, -1]
-            sent = np.where(self.body.delay[on, None, None, None], late, now)
-            sent[:, :, 0] += self.body.zero[on, None]
-            new = self.advance(on, sent, disturbance.push[rows, tick:end], trunk)
-            fine = (np.abs(new) < 1e6).all((1, 2))  # else the physics diverged: this is a fall, too
+        states, ticks, fell = [], np.zeros(len(robots), int), np.zeros(len(robots), bool)
+        while len(rows := np.flatnonzero(plan.progress < plan.ticks)):  # [k] whose plan goes on
+            on, tick = robots[rows], len(states)
+            imu = self.imu(on) + disturbance.imu[rows, tick]
+            target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
+            sent = target + self.body.delay[on, None] * (self.chosen[on] - target)
+            targets = np.stack([self.sent[on], sent], 1) + self.body.zero[on, None]  # [k, 2, 12]
+            self.chosen[on], self.sent[on] = target, sent
+            state = self.advance(on, targets, disturbance.push[rows, tick], move)
+            fine = (np.abs(state) < 1e6).all(1)  # else the physics diverged: this is a fall, too
             fell[rows] |= ~fine
-            state = np.repeat(states[-1][:, -1:], READ_EVERY, 1)  # [n, ticks, 21] all stay, but
-            state[rows[fine]] = new[fine]
-            self.state[robots] = state[:, -1]
-            states.append(state)
-            ticks[rows] = tick = end
-        states = np.concatenate(states, 1)[:, 1:]  # [n, T, 21]
-        torso, joints, _ = np.split(states, [6, 18], -1)
-        fell |= fallen(torso, self.standing[0][2]).any(1)
-        return Motion(torso, joints, fell, ticks)
+            self.state[on[fine]] = state[fine]
+            ticks[rows] += 1
+            states.append(self.state[robots])
+        states = np.stack(states, 1)  # [n, T, 21]
+        fell |= fallen(states[..., TORSO], self.standing[0][HEIGHT]).any(1)
+        return Motion(states[..., TORSO], states[..., ANGLES], fell, ticks)
 
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
@@ -559,7 +546,7 @@ def leg_xml(robot, leg, side):
     def joint(k):
         return (
             f'<joint name="{leg} {JOINTS[k]}" axis="{axes[k]}" damping="{robot.damping[k]}" '
-            f'frictionloss="{robot.stiction[k]}" '
+            f'frictionloss="{robot.stiction[k]}" armature="{robot.armature}" '
             f'range="{robot.joint_min[k]} {robot.joint_max[k]}"/>'
         )
 
@@ -597,6 +584,9 @@ def mujoco_xml(robot):
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: speed-ups of the solver that do not pay here.
     autoreset: would hide from us that a simulation diverged.
+    torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll. Each
+        moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll turn
+        about the same axis, and the physics may diverge. The robot has fallen long before.)
     contype 0: only the listed pairs of shapes can touch.
     condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
         three numbers of `friction` are for turning and rolling: condim 4 and 6.)
@@ -618,13 +608,17 @@ def mujoco_xml(robot):
       <default>
         <geom contype="0" conaffinity="0"/>
         <pair condim="3" friction="{robot.friction} {robot.friction} 0 0 0"/>
-        <joint armature="{robot.armature}"/>
         <position kp="{robot.stiffness}"/>
       </default>
       <worldbody>
         <geom name="ground" type="plane" size="0 0 1"/>
         <body name="torso">
-          <freejoint/>
+          <joint type="slide" axis="1 0 0"/>
+          <joint type="slide" axis="0 1 0"/>
+          <joint type="slide" axis="0 0 1"/>
+          <joint axis="0 0 1"/>
+          <joint axis="0 1 0"/>
+          <joint axis="1 0 0"/>
           {inertial(robot.torso)}
           {leg_xml(robot, "left", 1)} {leg_xml(robot, "right", -1)}
         </body>
@@ -638,23 +632,10 @@ def mujoco_xml(robot):
     </mujoco>"""
 
 
-def euler(quaternion):
-    """Roll, pitch, yaw [..., 3] of unit quaternions [..., 4] (w, x, y, z).
-
-    A turn by φ about a unit axis n is the quaternion (cos φ/2, sin φ/2·n). The formulas compare the
-    last row and the first column of its rotation matrix with those of `rotation`.
-    """
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return np.stack([roll, pitch, yaw], -1)
-
-
 class MujocoSim(Simulator):
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
 
-    The targets' rates are not used. How late is a joint that turns at 1 rad/s?
+    A motor gets the target of the tick's end. How late is a joint that turns at 1 rad/s?
 
         back-EMF       damping / stiffness               4.1 ms late   (knee 9.7)
         dry friction   stiction / (stiffness · rate)     8.5 ms late   (knee 5.0)
@@ -668,15 +649,15 @@ class MujocoSim(Simulator):
 
     # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
+    JOINTS = np.array([0, 1, 2, 5, 4, 3, *range(6, 18)])  # MuJoCo's, in the order of our state
 
     def __init__(self, num_robots, standing, robot):
         mujoco.set_mju_user_warning(lambda text: None)  # else a diverging robot fills a log file
         self.model = self.build(robot)
         self.models = [None] * num_robots  # of each robot
         self.data = [mujoco.MjData(self.model) for _ in range(min(CORES, num_robots))]
-        # Of MuJoCo: time, position, a quaternion, joints; their velocities: of the position, about
-        # the torso's own axes, of the joints
-        self.physics = np.zeros((num_robots, 38))
+        # Of MuJoCo: time; positions of the torso's six joints, of the twelve others; their velocities
+        self.physics = np.zeros((num_robots, 37))
         super().__init__(num_robots, standing, robot)
 
     def build(self, robot):
@@ -685,9 +666,8 @@ class MujocoSim(Simulator):
 
     def place(self, robots):
         """See `Simulator`."""
-        torso, joints = self.standing
-        turn = [math.cos(torso[4] / 2), 0, math.sin(torso[4] / 2), 0]  # by the pitch, see `euler`
-        self.physics[robots] = np.concatenate([[0], torso[:3], turn, joints, np.zeros(18)])
+        position = np.concatenate(self.standing)[self.JOINTS]  # (a swap of two undoes itself)
+        self.physics[robots] = np.concatenate([[0], position, np.zeros(18)])
         body = self.body
         for i in robots:
             self.models[i] = model = copy.copy(self.model)
@@ -698,29 +678,27 @@ class MujocoSim(Simulator):
             # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
             model.actuator_gainprm[:, 0] *= body.stiffness[i]
             model.actuator_biasprm[:, 1] *= body.stiffness[i]
-            model.dof_frictionloss[6:] = body.stiction[i]
+            model.dof_frictionloss[6:] *= body.stiction[i]
             mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
-    def advance(self, robots, targets, push, trunk):
+    def advance(self, robots, targets, push, move):
         """See `Simulator`."""
-        substeps = self.robot.substeps
         # 12 targets; then force and torque on every body, 6 numbers each: the world's from 12 on
-        inputs = np.zeros((*push.shape[:2], 12 + 6 * self.model.nbody))
-        inputs[..., :12] = targets[:, :, 0]
+        inputs = np.zeros((len(robots), self.robot.substeps, 12 + 6 * self.model.nbody))
+        inputs[..., :12] = targets[:, 1:]
         torso = 12 + 6 * self.PARTS[0]
-        inputs[..., torso : torso + 2] = push
+        inputs[..., torso : torso + 2] = push[:, None]
         states, _ = mujoco.rollout.rollout(
             [self.models[i] for i in robots],
             self.data,
             self.physics[robots],
-            np.repeat(inputs, substeps, axis=1),
+            inputs,
             control_spec=mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED,
             persistent_pool=True,  # its threads wait for the next call
         )
         self.physics[robots] = states[:, -1]
-        states = states[:, substeps - 1 :: substeps]  # [n, ticks, 38]
-        _, position, turn, joints, _, omega, _ = np.split(states, [1, 4, 8, 20, 23, 26], -1)
-        return np.concatenate([position, euler(turn), joints, omega], -1)
+        _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
+        return np.hstack([position[:, self.JOINTS], velocity[:, [5, 4, 3]]])
 
 
 # ------------------------------------------------------------------------ pymunk, planar
@@ -738,35 +716,27 @@ def planar_links(robot):
 
 class PymunkSim(Simulator):
     """N planar robots: pymunk simulates the sagittal plane. In it the robots stand, slip, and fall.
-    Sideways they move as commanded. Their yaw rate follows the command as fast as motor and sole
-    can turn the body.
+    Sideways they move as commanded, and they turn as commanded.
 
     pymunk's y is our z, and its angles turn x towards y, against our pitch:
 
         pymunk's angle of a body   = −pitch
         joint angle q              = pitch − parent's pitch = parent's angle − angle
-        pymunk's angle of a joint  = angle − parent's angle = −q   (for its limits)
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Two simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
-    falls linearly to zero there), and a rotor adds to the inertia of the link below its joint as
-    if it turned with that link (in MuJoCo only to the inertia about the joint).
+    Three simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
+    falls linearly to zero there), a rotor adds to the inertia of the link below its joint as if it
+    turned with that link (in MuJoCo only to the inertia about the joint), and joints have no limits
+    (the targets keep them).
     """
 
     planar = True
-    TARGETS = slice(None, -1)  # a tick gets the target of its beginning, see `advance`
     PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
     LINKS = [0, 2, 3, 4, 6, 7, 8]  # the bodies among the nine links; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot):
         self.worlds = [None] * num_robots  # of each robot: its space, seven bodies, six motors
         self.links = planar_links(robot)
-        # If the weight m·g presses evenly on a sole, friction bears the torque r·μ·m·g. r is the
-        # mean distance of the sole's points from its centre; here: of 50 × 50 small rectangles.
-        middles = np.linspace(-0.49, 0.49, 50)
-        length = robot.foot_front + robot.foot_back
-        radius = np.hypot.outer(length * middles, robot.foot_width * middles).mean()
-        self.grip = radius * sum(link.mass for link in self.links) * robot.gravity  # r·m·g [N m]
         super().__init__(num_robots, standing, robot)
 
     def place(self, robots):
@@ -815,49 +785,34 @@ class PymunkSim(Simulator):
             index = joint % 6  # in its leg
             motor = pymunk.SimpleMotor(bodies[parent], body, 0.0)
             # Dry friction lowers the largest torque.
-            motor.max_force = max(0, robot.torque_limit[index] - self.body.stiction[i, joint])
-            pivot = pymunk.PivotJoint(bodies[parent], body, point)
-            low, high = -robot.joint_max[index], -robot.joint_min[index]
-            limit = pymunk.RotaryLimitJoint(bodies[parent], body, low, high)
-            space.add(motor, pivot, limit)
+            stiction = robot.stiction[index] * self.body.stiction[i, joint]
+            motor.max_force = max(0, robot.torque_limit[index] - stiction)
+            space.add(motor, pymunk.PivotJoint(bodies[parent], body, point))
             motors.append(motor)
         return space, bodies, motors
 
-    def advance(self, robots, targets, push, trunk):
+    def advance(self, robots, targets, push, move):
         """See `Simulator`. A motor that only followed the error would lag behind a moving target,
         so the target's rate is added (feedforward). Then the joint is where the target is at the
         end of each tick.
         """
-        robot = self.robot
-        limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
+        robot, state = self.robot, self.state[robots]
+        start, end = targets[..., SAGITTAL].swapaxes(0, 1)  # [n, 6] each
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
-        # Yaw ψ: I·ψ̈ = τ ≤ min(motor's limit, r·μ·m·g). So in a tick ψ̇ changes at most by  [n]
-        torque = np.minimum(robot.torque_limit[0], self.grip * self.body.friction[robots])
-        most = torque / robot.yaw_inertia * robot.control_dt
-        moves = relative(trunk[:, :-1, GROUND], trunk[:, 1:, GROUND])  # [n, ticks, 3] as commanded
-        state, states = self.state[robots], []
-        for tick, move in enumerate(moves.swapaxes(0, 1)):  # [n, 3]
-            angles, rates = targets[:, tick][..., SAGITTAL].swapaxes(0, 1)  # [n, 6] each
-            speeds = np.clip(rates + gain * (angles - state[:, 6 + SAGITTAL]), -limit, limit)
-            forces = push[:, tick, 0].tolist()
-            rows = np.array([*map(self._tick, robots, speeds.tolist(), forces)])  # [n, 10]
-            ahead, height, rate, pitch = rows[:, :4].T  # [n] each
-            pitches = rows[:, 3:]  # [n, 7]
-            # About the own axes of a torso with pitch θ and yaw ψ: ω = (−ψ̇·sin θ, θ̇, ψ̇·cos θ)
-            last = state[:, 20] * np.cos(state[:, 4]) - state[:, 18] * np.sin(state[:, 4])  # ψ̇ [n]
-            yaw_rate = np.clip(move[:, 2] / robot.control_dt, last - most, last + most)
-            # Ahead it moves as simulated, sideways as commanded
-            moved = np.stack([ahead, move[:, 1], yaw_rate * robot.control_dt], -1)
-            pose = compose(state[:, GROUND], moved)
-            state = np.zeros((len(robots), 21))
-            state[:, GROUND] = pose
-            state[:, 2], state[:, 4] = height, pitch
-            state[:, 6 + SAGITTAL] = pitches[:, 1:] - pitches[:, self.PARENT]
-            state[:, 18] = -yaw_rate * np.sin(pitch)
-            state[:, 19] = rate
-            state[:, 20] = yaw_rate * np.cos(pitch)
-            states.append(state)
-        return np.stack(states, 1)
+        limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
+        speeds = (end - start) / robot.control_dt + gain * (start - state[:, ANGLES[SAGITTAL]])
+        speeds = np.clip(speeds, -limit, limit).tolist()
+        rows = np.array([*map(self._tick, robots, speeds, push[:, 0].tolist())])  # [n, 10]
+        ahead, height, rate, pitch = rows[:, :4].T  # [n] each
+        pitches = rows[:, 3:]  # [n, 7]
+        # Ahead it moves as simulated, sideways as commanded; it turns as commanded.
+        moved = np.column_stack([ahead, move[:, 1:]])
+        new = np.zeros_like(state)
+        new[:, GROUND] = compose(state[:, GROUND], moved)
+        new[:, HEIGHT], new[:, TILT[1]], new[:, TILT_RATES[1]] = height, pitch, rate
+        new[:, ANGLES[SAGITTAL]] = pitches[:, 1:] - pitches[:, self.PARENT]
+        new[:, YAW_RATE] = move[:, 2] / robot.control_dt
+        return new
 
     def _tick(self, i, speeds, force):
         """Simulates robot i for a tick: motors with these speeds [6], a force on the torso [N].

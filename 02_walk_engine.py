@@ -88,14 +88,14 @@ class WalkParameters:
     trunk_pitch: float  # [rad] forward lean
     trunk_swing: float  # [-] sideways: share of the distance from middle to support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
-    pitch_per_step: float  # [rad/m] lean added per metre by which a single step moves the middle
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
     # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
     # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
     usual_lean: float = 0.04  # [rad] a lean that comes from walking alone: not answered
-    fade: float = 0.03  # [-] share of a standing foot's answer lost per reading, every two ticks
+    follow: float = 0.3  # [-] share of what is missing that a swing foot's answer gains in a tick
+    fade: float = 0.015  # [-] share of a standing foot's answer lost in a tick
     wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
     late_lean: float = 0.06  # [rad] lean over the support foot from which on it slows down
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
@@ -116,7 +116,6 @@ TUNED = {
         trunk_pitch=0.1098,
         trunk_swing=0.0,
         trunk_x_offset=-0.001,
-        pitch_per_step=0.1599,
         trunk_roll=0.0,
     ),
     "mujoco": WalkParameters(
@@ -129,7 +128,6 @@ TUNED = {
         trunk_pitch=0.0706,
         trunk_swing=0.2214,
         trunk_x_offset=0.0124,
-        pitch_per_step=-0.2815,
         trunk_roll=0.0533,
         capture=1.0,
         wait=10.0,
@@ -217,7 +215,7 @@ class WalkEngine:
         """How far the middle of the feet still goes if the next double step is in place, seen from
         this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
-        closed, _ = self.landings(right, np.zeros((1, 2, 3)))
+        closed = compose(right, self.beside[:1])
         return robot_model.relative((left + right) / 2, (closed + right) / 2)
 
     def plan(self, footsteps, robots):
@@ -272,10 +270,8 @@ class WalkEngine:
         knot[:, GROUND, 0] = compose(centre, offset)
         knot[:, GROUND, 1] = (after - before) / self.half
         knot[:, 2, 0] = p.trunk_height
-        # how far the middle of the feet moves along its mean yaw  [n] [m]
-        ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]
         knot[:, 3, 0] = -p.trunk_roll * np.sign(seen[:, 1])  # a positive roll leans to the right
-        knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
+        knot[:, 4, 0] = p.trunk_pitch
         return knot
 
     def _trunk_path(self, knots, robots):
@@ -321,7 +317,7 @@ def capture_step(error, over, swings, old, p):
 
     error [n, 2]: measured − planned roll and pitch [rad]; over [n]: its roll, positive towards the
     support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double support
-    included; old [n, 2, 3]: the answer of the last reading.
+    included; old [n, 2, 3]: the answer of the last tick.
 
     A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
     times `capture`. Then the trunk, at the height h, is h·e from its plan, and the swing foot
@@ -341,9 +337,9 @@ def capture_step(error, over, swings, old, p):
     # y = h·e moves the landing to the left. (A positive roll leans to the right.)
     return_y = p.trunk_height * e[:, 0] * (over > 0)  # [n]
     wanted = np.column_stack([return_y, e])[:, None]  # [n, 1, 3]
-    # The tilt is noisy, so a swing foot moves half of the distance at every reading. The answer of
-    # a standing foot fades slowly: a quick return would tip the robot.
-    return np.where(swings[..., None], (old + wanted) / 2, (1 - p.fade) * old)
+    # The tilt is noisy, so a swing foot goes only a share of the distance in a tick. The answer of a
+    # standing foot fades slowly: a quick return would tip the robot.
+    return np.where(swings[..., None], old + p.follow * (wanted - old), (1 - p.fade) * old)
 
 
 def waiting_pace(over, p):
@@ -369,8 +365,9 @@ def waiting_pace(over, p):
     return np.clip(1 - p.wait * (over - p.late_lean), 0, 1)
 
 
-class WalkPlan(robot_model.Trajectory):
-    """A planned double step, and how it answers what the IMU measures meanwhile.
+class WalkPlan:
+    """A planned double step, and how it answers what the IMU measures meanwhile; a `Trajectory` of
+    stage 1.
 
     In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
     ankle strategy), of its tilt to the landing place (a capture step) and to the timing of the
@@ -380,60 +377,55 @@ class WalkPlan(robot_model.Trajectory):
 
     def __init__(self, engine, robots, trunk, feet):
         p = engine.parameters
-        joints = robot_model.body_inverse(engine.robot, trunk, feet, engine.planar)
-        super().__init__(joints, trunk, p.longest_wait_ticks if p.wait else 0)
         self.engine = engine  # it keeps the answers: a foot that stands takes its own along
         self.robots = robots  # [n] that follow it
+        self.trunk = trunk  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
+        self.ticks = engine.period_ticks  # T
+        self.most_ticks = self.ticks + (p.longest_wait_ticks if p.wait else 0)
+        self.progress = np.zeros(
+            len(robots)
+        )  # [n] ticks of the plan, less than the time if it waits
 
-    def targets(self, rows, tick, imu):
+    def go_on(self, rows, tick, imu):
         """See `Trajectory`."""
         engine, p = self.engine, self.engine.parameters
-        sample = np.rint(self.progress[rows]).astype(int)  # [k] of the plan, now
-        error = imu[:, :2] - self.trunk[rows, sample, 3:5]  # [k, 2] roll, pitch [rad]
-        swings = engine.swinging(sample)  # [k, 2]
+        now = rows, self.progress[rows].astype(int)  # samples of the plan  [k] each
+        error = imu[:, :2] - self.trunk[now][:, 3:5]  # [k, 2] roll, pitch [rad]
+        swings = engine.swinging(now[1])  # [k, 2]
         over = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k] a positive roll leans right
-        # How far the plan comes in the next ticks; it must not take more than most_ticks
-        ticks = np.arange(robot_model.READ_EVERY + 1)
-        progress = self.progress[rows, None] + waiting_pace(over, p)[:, None] * ticks
-        least = tick + ticks - (self.most_ticks - self.ticks)
-        progress = np.clip(progress, least, self.ticks)  # [k, ticks + 1]
-        self.progress[rows] = progress[:, -1]
-        at = rows[:, None], np.rint(progress).astype(int)  # samples of the plan [k, ticks + 1]
-        trunk, added = self.trunk[at], self.reflex(at, imu[:, 2:])
-        if not p.capture:
-            return self.joints[at], trunk, added
+        # How far the plan comes in this tick; it must not take more than most_ticks
+        least = tick + 1 - (self.most_ticks - self.ticks)
+        progress = np.clip(self.progress[rows] + waiting_pace(over, p), least, self.ticks)
+        self.progress[rows] = progress
+        then = rows, progress.astype(int)
         robots = self.robots[rows]
         answer = capture_step(error, over, swings, engine.answer[robots], p)  # [k, 2, 3]
         engine.answer[robots] = answer
-        # The trunk as each leg takes it to be, and the feet  [k, ticks + 1, 2, 6 or 4]
-        own = trunk[:, :, None].repeat(2, 2)
-        own[..., 3:5] += answer[:, None, :, 1:]
-        feet = self.feet[at]
-        moved = answer[:, None, :, :1] * [0, 1]  # [k, 1, 2, 2] x, y
-        feet[..., :2] += robot_model.turned(moved, own[..., 5])
+        # The trunk as each leg takes it to be, and the feet  [k, 2, 6 or 4]
+        own = self.trunk[then][:, None].repeat(2, 1)
+        own[..., 3:5] += answer[..., 1:]
+        feet = self.feet[then]
+        feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], own[..., 5])  # sideways
         joints = robot_model.body_inverse(engine.robot, own, feet, engine.planar)
-        return joints, trunk, added
+        # The planned change of the trunk in this tick: of roll and pitch, and on the floor
+        rates = (self.trunk[then] - self.trunk[now])[:, 3:5] / engine.robot.control_dt  # [k, 2]
+        move = robot_model.relative(self.trunk[now][:, GROUND], self.trunk[then][:, GROUND])
+        return joints + reflex(imu[:, 2:] - rates, swings, p), move
 
-    def reflex(self, at, angular_velocity):
-        """What is added to the joint targets of the next ticks, [k, ticks, 12].
 
-        at: the samples of the plan from now on, rows and [k, ticks + 1] samples; angular_velocity
-        [k, 2]: of the torso about its x and y axes, as the gyro measures it now [rad/s]. If the
-        torso turns forward faster than planned, the toes of the support foot are turned down. They
-        press on the floor, which brakes the turn.
-        """
-        engine, ticks = self.engine, robot_model.READ_EVERY
-        # planned rate of roll and pitch: change of the trunk's lean / time  [k, 2] [rad/s]
-        lean = self.trunk[at][..., 3:5]  # [k, ticks + 1, 2]
-        planned = (lean[:, -1] - lean[:, 0]) / (ticks * engine.robot.control_dt)
-        # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
-        turn = engine.parameters.reflex * (angular_velocity - planned)  # [k, 2]
-        turn = np.clip(turn, -REFLEX_LIMIT, REFLEX_LIMIT)
-        stands = ~engine.swinging(at[1][:, :-1])  # [k, ticks, 2] left, right
-        added = np.zeros((*stands.shape, 6))
-        added[..., [5, 4]] = stands[..., None] * turn[:, None, None]  # ankle roll, ankle pitch
-        return added.reshape(*added.shape[:2], 12)
+def reflex(error, swings, p):
+    """Returns what is added to the joint targets, [n, 12] [rad].
+
+    error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which foot
+    swings. If the torso turns forward faster than planned, the toes of the support foot are turned
+    down. They press on the floor, which brakes the turn.
+    """
+    # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
+    turn = np.clip(p.reflex * error, -REFLEX_LIMIT, REFLEX_LIMIT)  # [n, 2]
+    added = np.zeros((*swings.shape, 6))
+    added[..., [5, 4]] = ~swings[..., None] * turn[:, None]  # ankle roll, ankle pitch
+    return added.reshape(-1, 12)
 
 
 # ------------------------------------------------------------------------ to walk with it
@@ -444,7 +436,7 @@ def push_force(robot, speed):
 
 
 def walkers(sim, num_robots, parameters=None, robot=robot_model.RobotModel()):
-    """The engine that plans for N robots, and the simulator in which they stand; parameters: None
+    """The engine that plans for N robots, and their simulator (`reset` it first); parameters: None
     for TUNED."""
     simulator = robot_model.SIMULATORS[sim]
     engine = WalkEngine(num_robots, parameters or TUNED[sim], robot, simulator.planar)
@@ -495,7 +487,7 @@ WALKS = {  # eight double steps each
 }
 
 
-def pushed(sim, parameters, speed, count=12):
+def pushed(sim, parameters, speed, count=12, robot=robot_model.RobotModel()):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
 
     The push, see `push_force`, is forward, at this speed [m/s], and comes in the second double step
@@ -503,7 +495,7 @@ def pushed(sim, parameters, speed, count=12):
     [T] [rad], and which robots fell [count]. T differs, if a robot waits.
     """
     tilts = [[] for _ in range(count)]
-    force = push_force(robot_model.RobotModel(), speed)
+    force = push_force(robot, speed)
     moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
 
     def push(k, disturbance, robots):
@@ -516,20 +508,21 @@ def pushed(sim, parameters, speed, count=12):
         for i, measured, ticks in zip(plan.robots, tilt, motion.ticks):
             tilts[i] += [*measured[:ticks]]
 
-    _, _, fall = walk_plans(sim, parameters, [[WALKS["forward"]] * 10] * count, None, push, watch)
+    steps = [[WALKS["forward"]] * 10] * count
+    _, _, fall = walk_plans(sim, parameters, steps, None, push, watch, robot)
     return tilts, fall < 10
 
 
-def plot_push(pushes, period, path):
+def plot_push(pushes, engine, path):
     """Draws the tilt of all robots over time, a panel for each answer; pushes: what `pushed`
-    returns, by the answer's name; period [s]: of a double step."""
+    returns, by the answer's name; engine: of robots that walked like these."""
     figure = Figure(figsize=(12, 3.8))
     panels = figure.subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
-        panel.axvspan(period, 2 * period, color="0.9")
+        panel.axvspan(engine.period, 2 * engine.period, color="0.9")
         panel.axhline(45, color="black", ls=":")
         for tilt in tilts:
-            time = np.arange(len(tilt)) * robot_model.RobotModel.control_dt
+            time = np.arange(len(tilt)) * engine.robot.control_dt
             panel.plot(time, np.degrees(tilt), lw=0.9)
         title = f"{name}: {fell.sum()} of {len(fell)} fall"
         panel.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
@@ -586,12 +579,14 @@ def main():
     sim = args.sim
     parameters = TUNED[sim]
     engine, simulator = walkers(sim, 1)
+    simulator.reset([0])
     print(f"{sim}: a double step takes {engine.period:.2f} s")
     for _ in range(2):  # the second one is drawn; the first one starts from standing
         plan = engine.plan([WALKS["forward"]], [0])
         motion = simulator.run([0], plan)
     plot_plan(engine, plan, motion, out / "02_plan.png")
-    mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], plan.joints[0])  # [T + 1, 3]
+    joints = robot_model.body_inverse(engine.robot, plan.trunk[0], plan.feet[0], engine.planar)
+    mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], joints)  # [T + 1, 3]
     share = mass[:, 1].max() / (parameters.foot_distance / 2)
     print(f"in the plan the centre of mass sways {share:.2f} of the distance to the support foot")
 
@@ -614,7 +609,7 @@ def main():
     for name, settings in answers.items():
         _, fell = pushes[name] = pushed(sim, settings, speed)
         print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")
-    plot_push(pushes, engine.period, out / "02_push.png")
+    plot_push(pushes, engine, out / "02_push.png")
     print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
 
 

@@ -29,8 +29,7 @@ are ours. Floor and body are random in every episode (`Spread`: domain randomiza
 pushed, if you ask for it. An estimate of the goal combines all noisy measurements so far, in the
 same way for every planner (`predict`, `correct`). Who knows what:
 
-    policy, critic      the estimate of the goal (of a far one: `intermediate`), the last two
-                        actions: OBSERVATION
+    policy, critic      the estimate of the goal, the last two actions: OBSERVATION
     another planner     the same, the whole estimate, the step limits, the step's period: `View`
     estimate            noisy measurements of the goal, and the planned motion of a double step
     robot's computer    the planned double step; tilt and turning rates of the torso, with errors
@@ -66,6 +65,7 @@ class Task:
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
+    in_a_row: int = 2  # [-] so many double steps in a row must end at the goal; paper: 1
     time_limit: float = 100.0  # [s] simulated; paper
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
@@ -73,8 +73,6 @@ class Task:
     imu_rad_s: float = 0.1  # [rad/s] of its angular velocity, which the reflex reads; ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
-    beyond_m: float = 1.5  # [m] beyond this a policy observes an intermediate goal; ours
-    ahead_m: float = 1.0  # [m] how far away that is; ours
     # Scalars of the reward. The paper's terms (values reconstructed):
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
@@ -88,31 +86,27 @@ class Task:
 
 @dataclass(frozen=True)
 class Spread:
-    """How far floor and robot may be from the model in an episode (domain randomization). All
-    zeros: the model itself. All values are random, most of them uniform; sizes: our choice."""
+    """How far floor and robot may be from the model in an episode (domain randomization): ± on every
+    number of the field of the same name in the Body of stage 1, each uniform and independent. All
+    zeros: the model itself. Sizes: our choice."""
 
-    friction: float = 0.3  # [-] ± on μ
-    mass: float = 0.10  # [-] ± share of every link's mass and inertia
-    stiffness: float = 0.20  # [-] ± share of every motor's position gain
-    stiction_share: float = 0.5  # [-] ± share of every joint's dry friction
-    delay: int = 1  # [ticks] from target to motor: 0 or this, equally likely; at most 1
-    gyro: float = 0.05  # [rad/s] ± constant error of the gyro's x and y, which the reflex reads
-    zero: float = np.radians(0.5)  # [rad] standard deviation of a joint's wrong zero
-    com: float = 0.01  # [m] ± on x, y, z of the torso's centre of mass
+    friction: float = 0.3  # [-] on μ
+    mass: float = 0.10  # [-] on the factors of every link's mass and inertia
+    stiffness: float = 0.20  # [-] on the factors of every motor's position gain
+    stiction: float = 0.5  # [-] on the factors of every joint's dry friction
+    delay: float = 1.0  # [ticks] so from 0 to 1, see `draw`
+    zero: float = 3**0.5 * np.radians(0.5)  # [rad] of every joint: σ = 0.5°
+    com: float = 0.01  # [m] on x, y, z of the torso's centre of mass
+    gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
 
     def draw(self, rngs, robot):
         """The Body of stage 1 for n robots, one generator each."""
-        drawn = np.array([rng.uniform(-1, 1, 35) for rng in rngs])  # [n, 1 + 9 + 12 + 12 + 1]
-        more = [rng.spawn(1)[0] for rng in rngs]  # a generator of their own for zero and com
-        return robot_model.Body(
-            np.maximum(0, robot.friction + self.friction * drawn[:, 0]),
-            1 + self.mass * drawn[:, 1:10],
-            1 + self.stiffness * drawn[:, 10:22],
-            np.tile(robot.stiction, 2) * (1 + self.stiction_share * drawn[:, 22:34]),
-            self.delay * (drawn[:, 34] > 0),
-            self.zero * np.array([rng.normal(size=12) for rng in more]),
-            self.com * np.array([rng.uniform(-1, 1, 3) for rng in more]),
-        )
+        body = robot_model.Body.as_model(robot, len(rngs))
+        for name, size in vars(self).items():
+            values = getattr(body, name)  # [n, …]
+            values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
+        body.friction, body.delay = np.abs([body.friction, body.delay])  # neither is below 0
+        return body
 
 
 @dataclass(frozen=True)
@@ -138,8 +132,8 @@ DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these
-# change faster than d; a coordinate beyond 0.5 m gives a constant. (A policy never sees a goal that
-# is farther away than 1.5 m, see `intermediate`, so the limit of 2 m does not act there.)
+# change faster than d; a coordinate beyond 0.5 m gives a constant. Beyond 2 m a policy sees only the
+# direction of a goal.
 # What a double step does also depends on how the body moves when it begins. Without a sensor for
 # that, the last two actions stand in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
@@ -194,18 +188,6 @@ def encode_goal(goal):
         np.minimum(d, 2.0), zoomed[..., 0], zoomed[..., 1],
         np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha), alpha / np.pi,
     ], -1)  # fmt: skip
-
-
-def intermediate(goal, task=Task()):
-    """What a policy observes instead of goals [n, 3] that are farther away than `beyond_m`.
-
-    It is a goal `ahead_m` away in the same direction, and turned to that direction. So the policy
-    learns to walk straight ahead, which is faster than sideways. (Where the robot comes within
-    `beyond_m`, the observed distance jumps from 1 m to 1.5 m.)
-    """
-    d, _, beta = polar(goal)
-    ahead = np.stack([task.ahead_m * np.cos(beta), task.ahead_m * np.sin(beta), beta], -1)
-    return np.where(d[:, None] > task.beyond_m, ahead, goal)
 
 
 # ------------------------------------------------------------------------ actions
@@ -328,10 +310,9 @@ def correct(goal, covariance, measured, noise):
 # Random numbers: every robot has a generator. It makes others in each episode, one for each
 # purpose, so a planner that measures the goal twice does not change the floor:
 # GOAL    where it is                    PUSH   when, and in which direction
-# WORLD   floor and body                 GYRO   its errors while the robot walks
-# NOISE   of the measured goal           TILT   its errors (a child of GYRO's generator)
-# The fourth one is not used.
-GOAL, WORLD, NOISE, _, PUSH, GYRO, TILT = range(7)
+# WORLD   floor and body                 IMU    its errors while the robot walks
+# NOISE   of the measured goal
+GOAL, WORLD, NOISE, PUSH, IMU = range(5)
 
 
 @dataclass(frozen=True)
@@ -349,7 +330,8 @@ class View:
 
 
 class FootstepWorld:
-    """N robots and their N goals. `robots` are always the indices [n] of some of them.
+    """N robots and their N goals; call `reset` first. `robots` are always the indices [n] of some of
+    them.
 
     Every robot has a random generator of its own, so N robots together do the same as each of them
     alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
@@ -369,8 +351,15 @@ class FootstepWorld:
         spread=Spread(),
         robot=robot_model.RobotModel(),
     ):
-        if sim not in robot_model.SIMULATORS:
-            raise ValueError(f"sim must be one of {[*robot_model.SIMULATORS]}, not {sim!r}")
+        tables = {
+            "SIMULATORS": robot_model.SIMULATORS,
+            "TUNED": walk_engine.TUNED,
+            "LIMITS": LIMITS,
+            "DRIFT": DRIFT,
+        }
+        missing = [name for name, table in tables.items() if sim not in table]
+        if missing:
+            raise robot_model.InputError(f"no row for simulator {sim!r} in {', '.join(missing)}")
         self.limits = limits or LIMITS[sim]
         self.drift = drift or DRIFT[sim]
         self.sim = sim
@@ -379,30 +368,18 @@ class FootstepWorld:
         self.task = task
         self.spread = spread
         self.engine, self.simulator = walk_engine.walkers(sim, num_robots, walk, robot)
-        # What limits an episode: the control ticks that fit into its time, and double steps. It is
-        # cut off before a double step that might need more ticks (`Trajectory.most_ticks`) than are
-        # left of those `allowed`: max_ticks, fewer only in a first episode that is `staggered`.
-        self.max_ticks = int(task.time_limit / robot.control_dt + 1e-9)
-        self.most_steps = np.inf
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
-        self.rngs = np.empty((num_robots, 7), object)  # those of the episode, a column per purpose
+        self.rngs = np.empty((num_robots, 5), object)  # those of the episode, a column per purpose
 
-        def zeros(*shape):
-            """A row of zeros for every robot."""
-            return np.zeros((num_robots, *shape))
-
-        self.gyro_offset = zeros(2)  # [rad/s] constant error of x and y
-        self.goal = zeros(3)
-        self.estimate = zeros(3)  # of the goal, seen from the robot
-        self.covariance = zeros(3, 3)  # of the estimate's error, in m and rad
-        self.actions = zeros(2, 6)  # the last one, the one before
-        self.steps = np.zeros(num_robots, int)  # double steps of this episode
-        self.ticks = np.zeros(num_robots, int)  # control ticks of this episode
-        self.allowed = np.zeros(num_robots, int)
-        self.was_inside = np.zeros(num_robots, bool)  # did the last one end at the goal?
-        self.reset(np.arange(num_robots))
+        self.goal = np.zeros((num_robots, 3))  # x, y [m], yaw [rad] in the world
+        self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
+        self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
+        self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
+        # Of this episode: double steps, control ticks; how many double steps in a row have ended at
+        # the goal, and the tick when the first of them did  [N] each
+        self.steps, self.ticks, self.in_a_row, self.arrival = np.zeros((4, num_robots), int)
 
     def reset(self, robots, rngs=(), goals=None):
         """Starts episodes: these robots stand at the origin.
@@ -416,8 +393,7 @@ class FootstepWorld:
             self.rng[robots] = rngs
         # spawn returns new generators at every call, so every episode differs.
         for i, rng in zip(robots, self.rng[robots]):
-            own = rng.spawn(6)
-            self.rngs[i] = own + own[GYRO].spawn(1)
+            self.rngs[i] = rng.spawn(5)
         if goals is None:  # far with probability ½
             goals = [
                 draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
@@ -426,20 +402,16 @@ class FootstepWorld:
         body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
         self.simulator.reset(robots, body)
         self.engine.reset(robots)
-        self.gyro_offset[robots] = [
-            rng.uniform(-self.spread.gyro, self.spread.gyro, 2) for rng in self.rngs[robots, GYRO]
-        ]
-        self.estimate[robots] = 0
         self.actions[robots] = self.neutral_action
         self.steps[robots] = self.ticks[robots] = 0
-        self.allowed[robots] = self.max_ticks
         self.set_goal(robots, goals)
 
     def set_goal(self, robots, goals):
-        """Sets other goals [n, 3], x, y [m], yaw [rad] in the world, for robots that walk on."""
+        """Sets other goals [n, 3], x, y [m], yaw [rad] in the world, and measures them once."""
         self.goal[robots] = goals
         self.covariance[robots] = 1e8 * np.eye(3)  # nearly nothing is known of them
-        self.was_inside[robots] = False
+        self.in_a_row[robots] = 0
+        self.measure(robots)
 
     @property
     def pose(self):
@@ -450,32 +422,29 @@ class FootstepWorld:
         """The true goal seen from the robot [n, 3]: x, y [m], yaw [rad]."""
         return robot_model.relative(self.pose[robots], self.goal[robots])
 
-    def measure(self, robots, std):
-        """The goal [n, 3] seen from the robot, plus noise, new at every call, of this std [3]."""
-        noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]
-        return self.relative_goal(robots) + noise
-
-    def look(self, robots):
-        """The View of these robots after one more measurement: once before every decision."""
+    def measure(self, robots):
+        """Corrects the estimate by one more measurement: once before every decision."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
+        noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]  # [n, 3]
         # Without noise only the new measurement counts: K is 1. (R is not exactly 0, or a second
         # measurement would divide by 0. On the plane a turn is exact, drift 0; so K of the yaw is
         # 1/k at the k-th measurement, of equal ones.)
-        goal, self.covariance[robots] = correct(
+        self.estimate[robots], self.covariance[robots] = correct(
             self.estimate[robots],
             self.covariance[robots],
-            self.measure(robots, std),
+            self.relative_goal(robots) + noise,
             np.maximum(std, 1e-6),
         )
-        self.estimate[robots] = goal
-        actions = self.actions[robots]
-        seen = encode_goal(intermediate(goal, task))
-        observation = np.hstack([seen, 2 * actions.reshape(-1, 12) - 1])  # [0, 1] to [−1, 1]
+
+    def view(self, robots):
+        """The View of these robots."""
+        goal, actions = self.estimate[robots], self.actions[robots]
+        seen = np.hstack([encode_goal(goal), 2 * actions.reshape(-1, 12) - 1])  # [0, 1] to [−1, 1]
         return View(
             np.array(robots),
             goal,
-            observation.astype(np.float32),
+            seen.astype(np.float32),
             actions,
             self.engine.period,
             self.limits,
@@ -484,14 +453,14 @@ class FootstepWorld:
 
     def _disturbance(self, plan, robots):
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
-        disturbance = robot_model.Disturbance.none(plan)
+        task, disturbance = self.task, robot_model.Disturbance.none(plan)
+        std = [task.imu_rad, task.imu_rad, task.imu_rad_s, task.imu_rad_s]
         usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
-        chance = self.engine.period / self.task.push_every  # of a push in a double step
+        chance = self.engine.period / task.push_every  # of a push in a double step
         for i, push, imu in zip(robots, disturbance.push, disturbance.imu):
-            tilt, gyro = imu[:, :2], imu[:, 2:]  # [T, 2] views
-            noise = self.rngs[i, GYRO].normal(self.gyro_offset[i], self.task.imu_rad_s, (usual, 2))
-            gyro[:] = np.resize(noise, gyro.shape)  # a robot that waits meets the first ones again
+            imu[:] = self.rngs[i, IMU].normal(0, std, imu.shape)
+            imu[:, 0] *= not self.engine.planar  # the plane has no roll
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
             if drawn < chance:
                 first = int(when * (usual - ticks + 1))
@@ -499,8 +468,6 @@ class FootstepWorld:
                 angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
-            tilt[:] = self.rngs[i, TILT].normal(0, self.task.imu_rad, tilt.shape)
-            tilt[:, 0] *= not self.engine.planar  # the plane has no roll
         return disturbance
 
     def step(self, actions, robots, push=(0, 0)):
@@ -509,11 +476,11 @@ class FootstepWorld:
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
-        success ends with the first of the two double steps that ended inside.
+        success ends with the first of the double steps in a row that ended inside.
         """
         task, robot = self.task, self.engine.robot
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
-        before, began = self.relative_goal(robots), self.ticks[robots]
+        before = self.relative_goal(robots)
         last = self.actions[robots, 0]
         footsteps = to_footsteps(actions, self.limits)  # [n, 2, 3]
         plan = self.engine.plan(footsteps, robots)
@@ -531,25 +498,29 @@ class FootstepWorld:
         fall = motion.fell
         self.actions[robots] = np.stack([actions, last], 1)
         self.steps[robots] += 1
-        self.ticks[robots] = ended = began + motion.ticks
-        no_time = ended + plan.most_ticks > self.allowed[robots]  # for another one
-        no_time |= self.steps[robots] >= self.most_steps
+        self.ticks[robots] += motion.ticks
+        ended = self.ticks[robots]
         after = self.relative_goal(robots)
         d, alpha, _ = polar(after)
         # At the goal by position and by yaw; a fall wins.
         inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
-        success = inside & self.was_inside[robots]  # twice in a row
-        self.was_inside[robots] = inside
+        in_a_row = inside * (self.in_a_row[robots] + 1)
+        arrival = np.where(in_a_row == 1, ended, self.arrival[robots])
+        success = in_a_row >= task.in_a_row
+        self.in_a_row[robots], self.arrival[robots] = in_a_row, arrival
+        # An episode is cut off before a double step that might take too long
+        most = round(task.time_limit / robot.control_dt)  # [ticks]
+        no_time = ended + plan.most_ticks > most
         periods = motion.ticks / self.engine.period_ticks
         margin = margin_at_rest(after, self.engine.moves_on(robots), task)
         terms = reward_terms(before, after, actions, last, fall, success, task, periods, margin)
+        self.measure(robots)
         return {
             "success": success,
             "fall": fall,
             "timeout": no_time & ~success & ~fall,
             "inside": inside,
-            # a success was at the goal when this double step began
-            "time": np.where(success, began, ended) * robot.control_dt,
+            "time": np.where(success, arrival, ended) * robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
@@ -557,38 +528,41 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ a picture
-def draw_way(axes, robot, goal, feet, camera, chosen=()):
+def draw_way(axes, world, goal, feet, camera, chosen=()):
     """Draws the goal [3] and measured footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor,
     and bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet.
 
-    The goal is a disc of 5 cm, the tolerance, with a tip that points along its yaw; it lies above
+    The goal is a disc as large as the tolerance, with a tip that points along its yaw; it lies above
     the prints.
     """
+    robot, radius = world.engine.robot, world.task.success_m
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
-    disc = np.append(robot_model.turned((0.05, 0), angle), [(0.25, 0)], 0)  # [41, 2] [m]
+    disc = np.append(robot_model.turned((radius, 0), angle), [(5 * radius, 0)], 0)  # [41, 2] [m]
     front, back, half = robot.foot_front, -robot.foot_back, robot.foot_width / 2
     sole = np.array([[front, half], [front, -half], [back, -half], [back, half]])  # [4, 2] [m]
 
-    def fill(pose, outline, edge, face, alpha):
+    def fill(pose, outline, **style):
         points = pose[:2] + robot_model.turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), ec=edge, fc=face, alpha=alpha, lw=2, zorder=0.5)
+        axes.fill(*(camera[1:, :2] @ points.T), lw=2, zorder=0.5, **style)
 
-    for k, poses in enumerate([*feet, *chosen]):
-        for pose, outward, color in zip(poses, (1, -1), robot_model.COLORS):
-            style = ("none", color, 0.35) if k < len(feet) else (color, "yellow", 1)
-            fill(pose, sole + [0, outward * robot.foot_outward], *style)
-    fill(goal, disc, "none", "tab:green", 0.9)
+    for side, color in enumerate(robot_model.COLORS):
+        own = sole + [0, (1, -1)[side] * robot.foot_outward]
+        for poses in feet:
+            fill(poses[side], own, fc=color, alpha=0.35)
+        for poses in chosen:
+            fill(poses[side], own, ec=color, fc="yellow")
+    fill(goal, disc, fc="tab:green", alpha=0.9)
 
 
-def draw_scene(axes, robot, goal, feet, torso, joints, chosen=()):
+def draw_scene(axes, world, goal, feet, torso, joints, chosen=()):
     """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
     [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen.
     """
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
-    draw_way(axes, robot, goal, feet, camera, chosen)
-    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
+    draw_way(axes, world, goal, feet, camera, chosen)
+    robot_model.draw_robots(axes, world.engine.robot, torso[None], joints[None], camera)
     return camera
 
 
@@ -611,13 +585,10 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self,
         num_envs=64,
         sim="pymunk",
-        staggered=False,  # do the first episodes get less time, so that they end one by one?
         render_mode=None,
-        max_episode_steps=None,  # fewer double steps than `Task.time_limit` allows
         **settings,  # of FootstepWorld: noise, push, walk, …
     ):
         self.num_envs = num_envs
-        self.staggered = staggered
         self.render_mode = render_mode
         bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 20]
         self.single_observation_space = gym.spaces.Box(*bounds)
@@ -625,8 +596,6 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.world = FootstepWorld(num_envs, sim, **settings)
-        if max_episode_steps is not None:
-            self.world.most_steps = max_episode_steps
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
 
@@ -636,18 +605,14 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         world = self.world
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         world.reset(self.robots, rngs, **(options or {}))
-        if self.staggered:  # else all time-outs of an untrained policy would come at once
-            usual = world.engine.period_ticks
-            less = self.np_random.integers(world.max_ticks // usual, size=self.num_envs)
-            world.allowed -= less * usual
-        return world.look(self.robots).observation, {}
+        return world.view(self.robots).observation, {}
 
     def walk(self, actions):
         """Simulates one double step; no episode starts again. infos: the result of
         `FootstepWorld.step` without the Motion."""
         infos = self.world.step(actions, self.robots)
         del infos["motion"]
-        observations = self.world.look(self.robots).observation
+        observations = self.world.view(self.robots).observation
         terminated = infos["success"] | infos["fall"]
         return observations, infos["reward"], terminated, infos["timeout"], infos
 
@@ -660,7 +625,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
             infos = infos | final | {"_final_obs": ended, "_final_info": ended}
             fresh = self.robots[ended]
             self.world.reset(fresh)
-            observations[fresh] = self.world.look(fresh).observation
+            observations[fresh] = self.world.view(fresh).observation
         return observations, reward, terminated, truncated, infos
 
     def render(self):
@@ -670,9 +635,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     def picture(self, i):
         """Robot i and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
         axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
-        torso, joints, _ = np.split(self.world.simulator.state[i], [6, 18])
-        goal = self.world.goal[i]
-        camera = draw_scene(axes, self.world.engine.robot, goal, [], torso, joints)
+        state, goal = self.world.simulator.state[i], self.world.goal[i]
+        torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
+        camera = draw_scene(axes, self.world, goal, [], torso, joints)
         seen = camera[1:] @ np.transpose([torso[:3], [*goal[:2], 0]])  # robot, goal  [2, 2]
         axes.axis(np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5]).ravel())
         return robot_model.pixels(axes.figure)
@@ -734,7 +699,7 @@ def estimate_errors(world, seed):
     world.noise, robots, rows = True, np.arange(len(world.goal)), []
     world.reset(robots, [stream("training", seed, i) for i in robots])
     for _ in range(15):
-        view = world.look(robots)
+        view = world.view(robots)
         error = (view.goal - world.relative_goal(robots))[:, :2]
         variance = np.diagonal(world.covariance, axis1=1, axis2=2)[:, :2]
         rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
@@ -791,8 +756,7 @@ def main():
     for name, act in planners.items():
         envs.reset(seed=count * args.seed)  # other robots for another seed
         bar = tqdm(range(steps), name, leave=False)
-        # (Without noise a look more changes nothing.)
-        infos = [envs.step(act(envs.world.look(envs.robots)))[-1] for _ in bar]
+        infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
         print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
         paid = {

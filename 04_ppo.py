@@ -57,10 +57,7 @@ sum is replaced by V of the observation that follows.
 
 In learning_curve.png successes should rise, time-outs and times of successes should fall. (The
 first successes are of short walks, so their times begin too low.) Falls are rare from the start, as
-the most likely action of the first policy is to step on the spot. The first episode of each robot
-is cut off after a random time, so that not all robots run out of time at once. The shortest of
-these episodes end first, and have collected few negative rewards. So the curve of the return begins
-too high, and sinks at first. The entropy, which says how random the policy is (in nats: with
+the most likely action of the first policy is to step on the spot. The entropy, which says how random the policy is (in nats: with
 natural logarithms), falls: the policy learns to be narrow. The clip fraction (of samples outside of
 1 ± ε) and the KL (Kullback-Leibler divergence) say how much a rollout changes the policy; they fall
 with the learning rate, most at the end. The explained variance says how much of the differences
@@ -81,7 +78,7 @@ normalisation of observations and rewards, GPUs.
 import argparse
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 
@@ -347,37 +344,24 @@ def train(
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
     out: an existing folder, a Path; improve: see `learn`; about: is stored with the policy.
     """
-    cfg = replace(cfg, **plain(cfg))
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
-    if checkpoint.exists() and not resume:
-        raise InputError(f"{checkpoint}: a stopped training: --resume continues it, or delete it")
-    torch.manual_seed(random_seed(seed))
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
-    bare = envs.unwrapped
     about |= {"seed": seed, "steps": updates * samples, "config": cfg}
-    if hasattr(bare, "world"):
-        about["fits"] = fingerprint(bare.world)
-    about = plain(about)
-    model = make_model(
-        envs.single_observation_space.shape[0],
-        envs.single_action_space.shape[0],
-        cfg.hidden,
-        getattr(bare, "neutral_action", 0.5),
-        cfg.first_concentration,
-    )
-    rows = []
+    about = plain(about | {"fits": fingerprint(getattr(envs.unwrapped, "world", None))})
     if resume:
-        model, stored = load_policy(checkpoint, make_model)
-        if any(stored.get(name) != value for name, value in about.items()):
-            raise InputError(f"{checkpoint}: other settings; use the same flags")
-        rows = stored["rows"]
+        model, rows, adam = stopped(checkpoint, about, make_model)
+    elif checkpoint.exists():
+        raise InputError(f"{checkpoint}: a stopped training: --resume continues it, or delete it")
+    else:
+        torch.manual_seed(random_seed(seed))
+        model, rows, adam = first_model(envs, cfg, make_model), [], None
     first = len(rows)
     # foreach: one call for all weights, which is quicker; eps as in [8]
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
-    if resume:
-        optimizer.load_state_dict(stored["optimizer"])
+    if adam:
+        optimizer.load_state_dict(adam)
     new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
     torch.manual_seed(new_seed)
     log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
@@ -399,6 +383,26 @@ def train(
     save_policy(out / "policy.pt", model, **about)
     checkpoint.unlink()
     return model, rows
+
+
+def first_model(envs, cfg, make_model):
+    """The untrained networks for these environments."""
+    return make_model(
+        envs.single_observation_space.shape[0],
+        envs.single_action_space.shape[0],
+        cfg.hidden,
+        getattr(envs.unwrapped, "neutral_action", 0.5),
+        cfg.first_concentration,
+    )
+
+
+def stopped(checkpoint, about, make_model):
+    """The model, the rows of the log, and Adam's state of a training that was stopped; about: what
+    the file must hold, too."""
+    model, stored = load_policy(checkpoint, make_model)
+    if any(stored.get(name) != value for name, value in about.items()):
+        raise InputError(f"{checkpoint}: other settings; use the same flags")
+    return model, stored["rows"], stored["optimizer"]
 
 
 def episode_means(infos):
@@ -430,8 +434,8 @@ def plain(value):
 
 
 def fingerprint(world):
-    """What a policy is trained in, as plain values by name."""
-    return plain(
+    """What a policy is trained in, as plain values by name; nothing, if it is not a world."""
+    return world and plain(
         {
             "simulator": world.sim,
             "observation": [row[0] for row in env.OBSERVATION],
@@ -519,7 +523,7 @@ def main(argv=None):
         f"training on {args.sim}: {steps:,} steps or a few more, seed {args.seed}, into {out}\n"
         "(Ctrl-C stops it; the same flags and --resume continue)"
     )
-    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise, staggered=True)
+    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise)
     _, rows = train(PPOConfig(), make_envs, out, steps, args.seed, args.resume, noise=args.noise)
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.sim}, seed {args.seed}")
     print(f"policy.pt, learning_curve.csv and learning_curve.png are in {out}")

@@ -5,8 +5,6 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
 
     python 05_evaluate.py --noise          the paper's table and figure, with our robot: a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
-    python 05_evaluate.py --gif            also a film: three goals, and a push on the way
-    python 05_evaluate.py --goals my.csv   your own goals: columns x, y, yaw in m, m, rad
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
@@ -23,7 +21,7 @@ stage writes table.md, evaluation.json, trials.csv and footsteps.png (two walks 
 `runs/<sim>/`. Predict: the paper's policy takes half of the baseline's time, and with the policy
 the robot falls about twice as often as with the baseline. Is this so with our policy?
 
-A planner is a class with `reset(num_robots)`, called before each hundred trials, and `act(view)`,
+A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
 measurements so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked
@@ -63,20 +61,18 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
+import matplotlib.pyplot as plt  # only for the window
 import numpy as np
-from PIL import Image
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
-plt = import_module("matplotlib.pyplot")  # only for the window; after stage 1, which knows why
 Figure = robot_model.Figure
 
 InputError = robot_model.InputError
 OUTCOMES = ("success", "timeout", "fall")
 FIGURE_GOALS = [[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]]  # x, y [m], yaw [rad]; our choice
-FILM_GOALS = [[0.9, 0.5, 1.6], [-0.3, 0.35, 3.0], [0.55, -0.25, 0.0]]  # the same
 
 
 # ------------------------------------------------------------------------ trials
@@ -87,7 +83,6 @@ class Trials:
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
     seed: int  # of the random stream; trial i is number i in it
     purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
-    first: int = 0  # number of the first trial in the stream
 
 
 def draw_trials(seed, count, far=False, purpose="evaluation"):
@@ -102,29 +97,25 @@ def evaluate(planner, world, trials, watch=None):
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         mu           of the floor
         outcome      a name in OUTCOMES
-        time         [s] of a success: to the end of the first of the two double steps that ended
-                     at the goal; of another walk: all of it
+        time         [s] of a success: to the end of the first of the double steps in a row that
+                     ended at the goal; of another walk: all of it
         steps        double steps, all of them
         still_there  a success, and at the goal also after two more double steps in place
-        time_once    [s] to the end of the first double step that ended at the goal (all that the
-                     paper asks for), or 0
     """
     n = len(trials.goals)
     everybody = np.arange(n)
     # One generator per trial: its numbers depend neither on the planner nor on other trials.
-    rngs = [env.stream(trials.purpose, trials.seed, trials.first + i) for i in range(n)]
+    rngs = [env.stream(trials.purpose, trials.seed, i) for i in range(n)]
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
-    time, time_once = np.zeros((2, n))  # [s] time_once: 0 as long as it was not at the goal
+    time = np.zeros(n)  # [s]
     walking = everybody  # [k] whose trial has not ended
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
             outcome[walking[result[name]]] = name
         time[walking] = result["time"]
-        first = result["inside"] & (time_once[walking] == 0)  # [k]
-        time_once[walking[first]] = result["time"][first]
         if watch:
             watch(walking, result["motion"])
         walking = walking[outcome[walking] == "running"]
@@ -139,10 +130,9 @@ def evaluate(planner, world, trials, watch=None):
     return {
         "mu": world.simulator.body.friction[everybody],
         "outcome": outcome,
-        "time": time,
+        "time": time.round(12),
         "steps": steps,
         "still_there": still_there,
-        "time_once": time_once,
     }
 
 
@@ -152,7 +142,7 @@ def double_step(planner, world, robots, push=(0, 0)):
     Raises a ValueError that names the planner's file if its actions are not [n, 6] in [0, 1].
     """
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
-    actions = env.checked(name, planner.act(world.look(robots)), len(robots), 6)
+    actions = env.checked(name, planner.act(world.view(robots)), len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1, not {actions}")
     return world.step(actions, robots, push)
@@ -233,8 +223,7 @@ def compare(results):
 
 
 def summary(planner, noise, std, trials):
-    """One row of the table; std: σ of the goals' x and y [m], None for goals of one's own. nan:
-    there was nothing to measure."""
+    """One row of the table; std: σ of the goals' x and y [m]. nan: there was nothing to measure."""
     outcome = trials["outcome"]
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
     for name in OUTCOMES:
@@ -303,8 +292,7 @@ def table(rows, ratios, special=""):
 
 def kind_of(row):
     """Two texts: which goals, and whether they are measured with noise."""
-    goals = f"σ {row['goal_std_m']} m" if row["goal_std_m"] else "own"
-    return goals, "yes" if row["noise"] else "no"
+    return f"σ {row['goal_std_m']} m", "yes" if row["noise"] else "no"
 
 
 # ==================================================================== the end of a first reading
@@ -410,7 +398,7 @@ class BaselinePlanner:
         lead = (1, 0.5)  # [10]: only the leading foot steps sideways; both feet turn by the same
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
             span = np.subtract(view.limits.high, view.limits.low)  # [3]
-            lead = (view.limits.high / span)[1:]
+            lead = (view.limits.high / np.maximum(span, 1e-9))[1:]
         return env.to_action(velocity_to_footsteps(velocity, view.period, lead), view.limits)
 
 
@@ -429,10 +417,16 @@ class PolicyPlanner:
 
 # ------------------------------------------------------------------------ all rows of the table
 def make_world(args, count, **settings):
-    """A world as the command line asks for; with --friction the floor is the same for all."""
+    """A world as the command line asks for: with the robot of a file of your own, and with the same
+    floor for all."""
     settings["robot"] = robot_model.RobotModel()
     if args.robot:
-        settings |= load_robot(args.robot)
+        settings["robot"], settings["walk"], settings["limits"] = names_in(
+            args.robot,
+            ROBOT=robot_model.RobotModel,
+            WALK=env.walk_engine.WalkParameters,
+            LIMITS=env.StepLimits,
+        )
     if args.friction is not None:
         settings["robot"] = replace(settings["robot"], friction=args.friction)
         settings["spread"] = env.Spread(friction=0.0)
@@ -440,21 +434,16 @@ def make_world(args, count, **settings):
 
 
 def walk_row(args, planner, trials, noise):
-    """What `evaluate` returns. A hundred robots at a time: so many fit into a processor's cache."""
-    parts = []
-    for first in range(0, len(trials.goals), 100):
-        some = replace(trials, goals=trials.goals[first : first + 100], first=first)
-        world = make_world(args, len(some.goals), push=args.push or 0, noise=noise)
-        parts.append(evaluate(planner, world, some))
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    """What `evaluate` returns, in a world as the command line asks for."""
+    world = make_world(args, len(trials.goals), push=args.push or 0, noise=noise)
+    return evaluate(planner, world, trials)
 
 
-def evaluate_all(args, blocks, planners, helpers=0):
+def evaluate_all(args, blocks, planners):
     """Evaluates every planner in every block of Trials; with --noise a second time with noise.
 
     Returns what `evaluate` does, by row: (planner's name, noise, σ). blocks: Trials by the σ of
-    their goals [m]; the σ of the user's own goals is None. helpers: how many other processes walk
-    rows. Whatever goes wrong there, the row is walked here, and so are those of a user's planner.
+    their goals [m]. With --jobs other processes walk rows, but not those of a user's planner.
     """
     jobs = {  # by row in the order of the table
         (name, noise, std): (args, planner, trials, noise)
@@ -462,54 +451,36 @@ def evaluate_all(args, blocks, planners, helpers=0):
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
-    futures, results = {}, {}
-    with suppress(Exception):  # no pool: no helpers, a debugger, a thread, a small machine, …
+    ours = PolicyPlanner, BaselinePlanner
+    futures = {}
+    if args.jobs > 1:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
-        try:
-            pool = ProcessPoolExecutor(helpers, multiprocessing.get_context("spawn"))
-            for row, job in reversed(jobs.items()):  # the baseline takes longest
-                if type(job[1]) in (PolicyPlanner, BaselinePlanner):
-                    futures[row] = pool.submit(walk_row, *job)
-        finally:
-            signal.signal(signal.SIGINT, before)
+        pool = ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"))
+        for row, job in reversed(jobs.items()):  # the baseline takes longest
+            if isinstance(job[1], ours):
+                futures[row] = pool.submit(walk_row, *job)
+        signal.signal(signal.SIGINT, before)
     try:
-        for row, job in tqdm(jobs.items(), leave=False):
-            with suppress(Exception):  # a process died, or could not unpack its row
-                results[row] = futures[row].result()
-            if row not in results:
-                results[row] = walk_row(*job)
-    except BaseException:
-        for process in multiprocessing.active_children():
+        bar = tqdm(jobs.items(), leave=False)
+        return {
+            row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
+        }
+    finally:
+        for process in multiprocessing.active_children():  # none has work left, or all must stop
             process.kill()
-        raise
-    return results
 
 
 # ------------------------------------------------------------------------ files
-def read_goals(path):
-    """Goals [n, 3] from a CSV file with columns x, y [m], yaw [rad]."""
-    try:
-        table = np.genfromtxt(path, delimiter=",", names=True, encoding="utf-8-sig", ndmin=1)
-        goals = np.stack([table[name] for name in ("x", "y", "yaw")], 1)
-        if not len(goals) or not (np.abs(goals) < (1000, 1000, 7)).all():
-            raise ValueError("lines of numbers below 1000; the yaw in radians")
-    except (OSError, ValueError, IndexError) as error:  # IndexError: an empty file
-        raise InputError(f"{path}: needs columns x, y, yaw ({error!r:.99})") from error
-    return goals
-
-
 def write_trials(path, blocks, results):
     """Writes a line for each trial; blocks: Trials by σ, results by (planner, noise, σ)."""
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
-    head = "planner noise goal_std_m seed trial x y yaw mu outcome time steps still_there time_once"
+    head = "planner noise goal_std_m seed trial x y yaw mu outcome time steps still_there"
     lines.writerow(head.split())
     for (planner, noise, std), ended in results.items():
         columns = [itertools.count(), *blocks[std].goals.T]
         for values in ended.values():
-            if values.dtype == bool:
-                values = np.where(values, "yes", "no")
-            columns.append(values.round(12) if values.dtype == float else values)
+            columns.append(np.where(values, "yes", "no") if values.dtype == bool else values)
         first = planner, "yes" if noise else "no", std, blocks[std].seed
         lines.writerows((*first, *cells) for cells in zip(*columns))
     robot_model.write_text(path, text.getvalue())
@@ -552,26 +523,15 @@ def load_planner(path):
     return planner()
 
 
-def load_robot(path):
-    """Settings of `FootstepWorld`: ROBOT, WALK and LIMITS in a file of your own."""
-    robot, walk, limits = names_in(
-        path,
-        ROBOT=robot_model.RobotModel,
-        WALK=env.walk_engine.WalkParameters,
-        LIMITS=env.StepLimits,
-    )
-    return {"robot": robot, "walk": walk, "limits": limits}
-
-
 def choose_planners(world, policies, files=()):
-    """Planners by row name for these files of policies and of planners. The first policy is called
-    `policy`, all others like their file; if two would have the same name, the second one is called
-    by its path."""
+    """Planners by row name for these files of policies and of planners, and the name of the one to
+    show. The first policy is called `policy`, all others like their file; if two would have the same
+    name, the second one is called by its path."""
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
         "baseline": BaselinePlanner(),
     }
-    chosen = {}
+    chosen, shown = {}, "policy"
     for path in (*policies, *files):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
@@ -579,9 +539,10 @@ def choose_planners(world, policies, files=()):
         print(f"{name}: {path}")
         if path in files:
             chosen[name] = load_planner(path)
+            shown = name if shown == "policy" else shown  # the first one
         else:
             chosen[name] = load_policy(path, world)
-    return chosen | baselines
+    return chosen | baselines, shown
 
 
 # ------------------------------------------------------------------------ pictures
@@ -612,17 +573,17 @@ def foot_poses(robot, torso, joints):
 
 def draw_walks(panel, world, planner, trials):
     """Draws walks from above while the robots walk; returns a line of the title for each."""
-    robot, feet = world.engine.robot, [[] for _ in trials.goals]  # [K, 2, 3] of every robot
+    feet = [[] for _ in trials.goals]  # [K, 2, 3] of every robot
 
     def watch(robots, motion):
-        landed = foot_poses(robot, motion.torso[:, -1], motion.joints[:, -1])
+        landed = foot_poses(world.engine.robot, motion.torso[:, -1], motion.joints[:, -1])
         for i, torso, poses in zip(robots, motion.torso, landed):
             panel.plot(*torso[:, :2].T, "k", lw=1)
             feet[i].append(poses)
 
     ended, title = evaluate(planner, world, trials, watch), ""
     for i, goal in enumerate(trials.goals):
-        env.draw_way(panel, robot, goal, feet[i], robot_model.camera_at(-90, 90))
+        env.draw_way(panel, world, goal, feet[i], robot_model.camera_at(-90, 90))
         x, y, _ = goal  # its name stands on the far side of it
         panel.text(x, y + math.copysign(0.22, y), f"goal {i + 1}", ha="center", va="center")
         ending = f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s"
@@ -647,7 +608,7 @@ def pictures(axes, world, planner, feet, push, name, window):
     chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
     for tick in range(0, motion.ticks[0], 8):
         now, goal = torso[tick], world.goal[0]
-        camera = env.draw_scene(axes, engine.robot, goal, feet[-20:], now, joints[tick], chosen)
+        camera = env.draw_scene(axes, world, goal, feet[-20:], now, joints[tick], chosen)
         if any(push) and tick < 32:  # it lasts for 5 ticks, which nobody would see
             tip = now[:3] + [0, 0, 0.15]
             tail = tip - [*robot_model.turned(push, now[5] * engine.planar), 0]  # 1 m is 1 m/s
@@ -658,36 +619,6 @@ def pictures(axes, world, planner, feet, push, name, window):
         axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
         axes.axis(window)
         yield result
-
-
-def tour(axes, world, planner, push):
-    """Lets the robot walk to FILM_GOALS, one after the other, and yields after every picture. On
-    the way to the second one it is pushed, push [2]. Ends early if the robot falls."""
-    world.reset([0], [env.stream("evaluation", 0, 0)])
-    planner.reset(1)
-    feet = []
-    for k, goal in enumerate(FILM_GOALS, 1):
-        world.set_goal([0], goal)
-        for step in itertools.count():
-            pushed = push * (k == 2 and step == 2)
-            title = f"Yellow: the two footsteps just chosen. Goal {k} of {len(FILM_GOALS)}"
-            window = -0.8, 1.6, -0.32, 0.95
-            for result in pictures(axes, world, planner, feet, pushed, title, window):
-                yield result
-            if result["fall"][0] or result["timeout"][0]:
-                return
-            if result["success"][0]:
-                break
-
-
-def save_film(figure, pictures, path):
-    """Films what the figure shows after each of the pictures, for 0.08 s (eight ticks)."""
-    frames = [robot_model.pixels(figure) for _ in tqdm(pictures, unit=" pictures", leave=False)]
-    # All frames share 128 colours: so what stands still is stored once.
-    colors = Image.fromarray(np.concatenate(frames[::4])).quantize(128, Image.Quantize.FASTOCTREE)
-    first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]
-    film = {"save_all": True, "append_images": others, "duration": 80, "loop": 0}
-    robot_model.atomic_write(path, lambda file: first.save(file, **film))
 
 
 def open_window():
@@ -708,7 +639,7 @@ def play(world, planners, push):
     """
     figure, axes = open_window()
     figure.supxlabel("click: a goal; drag: its heading; space: a push; p: another planner")
-    keys, pressed = ["p"], np.zeros(2)  # the first p takes the first planner; x, y [m]
+    keys, pressed, feet = [], np.zeros(2), []  # pressed: where the mouse was, x, y [m]
 
     def ground(event):
         """The place on the floor, x, y [m], to which the mouse points; nan: beside the picture."""
@@ -726,78 +657,61 @@ def play(world, planners, push):
     figure.canvas.mpl_connect("button_press_event", press)
     figure.canvas.mpl_connect("button_release_event", release)
     figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
-    names, fell = itertools.cycle(planners), True
+    names = itertools.cycle(planners)
+    name = next(names)
+    world.reset([0], goals=FIGURE_GOALS[:1])
+    planners[name].reset(1)
     while plt.fignum_exists(figure.number):
         if "p" in keys:
             name = next(names)
             planners[name].reset(1)
-        if fell:
-            world.reset([0], goals=world.goal[:1].copy())
-            planners[name].reset(1)
-            feet = []
         pushed = push * (" " in keys)
         keys.clear()
         window = -1.7, 1.7, -1.0, 1.6
         for result in pictures(axes, world, planners[name], feet, pushed, name, window):
             plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
             fell = result["fall"][0]
+        if fell:
+            world.reset([0], goals=world.goal[:1])
+            planners[name].reset(1)
+            feet.clear()
 
 
 # ------------------------------------------------------------------------ command line
-def main(argv=None):
+def arguments(argv):
+    """The flags of the command line."""
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
+    files = {"type": Path, "nargs": "+", "default": [], "metavar": "FILE"}
     add("--noise", action="store_true", help="Walk also with noise on the measured goal.")
     add("--far", action="store_true", help="Walk also to goals twice as far.")
-    add("--goals", type=Path, help="Take the goals from a CSV file: x, y [m], yaw [rad].")
     add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
     add("--friction", type=float, help="Give every floor this μ, instead of a random one.")
-    add(
-        "--push",
-        type=float,
-        metavar="DV",
-        help="Push the torso by DV m/s, every 3 s on average.",
-    )
-    add("--policy", type=Path, nargs="+", default=[], help="Evaluate these files of 04_ppo.py.")
-    add(
-        "--planner",
-        type=Path,
-        nargs="+",
-        default=[],
-        help="Evaluate the class Planner of these files, too.",
-    )
+    add("--push", type=float, help="Push the torso by so many m/s, every 3 s on average.")
+    add("--policy", **files, help="Evaluate these files of 04_ppo.py.")
+    add("--planner", **files, help="Evaluate the class Planner of these files, too.")
     add("--robot", type=Path, help="Walk with the robot of this file: its ROBOT, WALK and LIMITS.")
-    add(
-        "--gif",
-        action="store_true",
-        help="Draw a film of a walk to three goals of ours, too (a minute).",
-    )
     add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
+    add(
+        "--jobs",
+        type=int,
+        help="Let so many processes walk (1: for pdb and cProfile; default: all cores, in 3-D 1).",
+    )
     args = parser.parse_args(argv)
-    if args.episodes < 1 or not 0 <= (args.push or 0) < 1e3 or not 0 <= (args.friction or 0) < 1e3:
-        parser.error("--episodes from 1 on, --push and --friction from 0 on")
-    blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
-    figure_goals = FIGURE_GOALS
-    if args.goals:
-        blocks = {None: Trials(read_goals(args.goals), args.seed)}
-        figure_goals = blocks[None].goals[:3]
-    if args.far:
-        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
+    if args.jobs is None:  # MuJoCo has threads; other processes import this script again
+        several = args.sim == "pymunk" and __name__ == "__main__"
+        args.jobs = robot_model.CORES if several else 1
+    if min(args.episodes, args.jobs) < 1:
+        parser.error("--episodes and --jobs from 1 on")
+    if not 0 <= (args.push or 0) < 1e3 or not 0 <= (args.friction or 0) < 1e3:
+        parser.error("--push and --friction from 0 on")
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
-    policies = args.policy or [own if own.is_file() else shipped]
-    world = make_world(args, len(figure_goals))  # for pictures
-    planners = choose_planners(world, policies, args.planner)
-    shown = [*planners][len(policies)] if args.planner else "policy"
-    # In the window and in the film, [m/s]: to the right in the picture; on the plane ahead
-    push = robot_model.turned([args.push or 0.6, 0], np.pi / 6 * (not world.engine.planar))
-    out = robot_model.output_folder(args)
-    if args.play:
-        play(world, {shown: planners[shown]} | planners, push)
-        return
-    # On the plane other processes help. MuJoCo has threads instead. (A helper imports the script
-    # that runs, so only this file may have helpers.)
-    alone = args.sim == "mujoco" or __name__ != "__main__" or "__file__" not in globals()
-    results = evaluate_all(args, blocks, planners, 0 if alone else robot_model.CORES)
+    args.policy = args.policy or [own if own.is_file() else shipped]
+    return args
+
+
+def write_results(args, blocks, results, out):
+    """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
     rows = [summary(*key, trials) for key, trials in results.items()]
     ratios = compare(results)
     special = " ".join(
@@ -808,16 +722,30 @@ def main(argv=None):
     text = table(rows, ratios, special)
     print(f"\n{text}")  # before files are written, which may fail
     rows = [{name: None if v != v else v for name, v in row.items()} for row in rows]  # no nan
-    content = vars(args) | {"policy": policies, "rows": rows, "ratios": ratios}
+    content = vars(args) | {"rows": rows, "ratios": ratios}
     content = json.dumps(content, indent=1, allow_nan=False, default=str) + "\n"
     robot_model.write_text(out / "evaluation.json", content)
     robot_model.write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
+
+
+def main(argv=None):
+    args = arguments(argv)
+    world = make_world(args, len(FIGURE_GOALS))  # for pictures
+    planners, shown = choose_planners(world, args.policy, args.planner)
+    out = robot_model.output_folder(args)
+    if args.play:  # a push to the right in the picture; on the plane ahead
+        push = robot_model.turned([args.push or 0.6, 0], np.pi / 6 * (not world.engine.planar))
+        play(world, {shown: planners[shown]} | planners, push)
+        return
+    blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
+    if args.far:
+        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
+    results = evaluate_all(args, blocks, planners)
+    write_results(args, blocks, results, out)
     trio = {name: planners[name] for name in ("baseline", "baseline_tuned", shown)}
-    plot_footsteps(world, trio, Trials(figure_goals, args.seed), out / "footsteps.png")
-    if args.gif:  # a minute
-        axes = Figure(figsize=(8, 4)).subplots()
-        save_film(axes.figure, tour(axes, world, planners[shown], push), out / "animation.gif")
+    trials = Trials(np.array(FIGURE_GOALS), args.seed)
+    plot_footsteps(world, trio, trials, out / "footsteps.png")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 
