@@ -12,19 +12,9 @@ slips and falls as the physics says. Sideways it moves as commanded, and it turn
 
 101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
 own, between 0.25 and 0.35 rad. This takes eight simulated seconds, slow at the beginning and the
-end.
-Then the robot waits for three seconds. `runs/<sim>/01_robot.png` shows the robot that fell at the
-smallest lean. The program takes 4 seconds. Nothing in it is random, so `--seed` changes nothing.
-
-Predict this smallest lean. The feet (1.19 kg, centre of mass 0.001 m behind the ankle axes) do not
-move. All the rest (4.93 kg) turns about the ankles. Before it leans, its centre of mass is 0.0137 m
-ahead of the ankle axes and 0.4104 m above them. The toes are 0.108 m ahead of the axes. By which
-angle must the rest turn, so that the centre of mass of the whole robot is above the toes? The
-planar robot falls at 0.002 rad less than your pencil says, because it must also brake the lean. In
-3-D the motor of a joint is a spring: its torque is 300 N m for each rad between target and angle.
-Two ankles share the load. By how many rad does the weight turn each of them past its target? Does
-the robot then fall at a smaller or at a larger lean? (Ignore dry friction: in so slow a motion it
-only delays the motor.) (Answers: `tests/exercises/predict.md`, lean.)
+end. Then the robot waits for three seconds. `runs/<sim>/01_robot.png` shows the robot that fell at
+the smallest lean. The program takes 4 seconds. Nothing in it is random: `--seed` changes nothing.
+Predict this smallest lean: `tests/exercises/predict.md`, lean, has what you need, and the answer.
 
 How to read this file: read down to the line of equals signs, "the end of a first reading". Below it
 are the control loop, two kinds of physics, the drawing, and the command line and files.
@@ -523,8 +513,9 @@ class Simulator:
             ticks[rows] += 1
             states.append(self.state[robots])
         states = np.stack(states, 1)  # [n, T, 21]
-        fell |= fallen(states[..., TORSO], self.standing[0][HEIGHT]).any(1)
-        return Motion(states[..., TORSO], states[..., ANGLES], fell, ticks)
+        torso = states[..., TORSO]
+        fell |= fallen(torso, self.standing[0][HEIGHT]).any(1)
+        return Motion(torso, states[..., ANGLES], fell, ticks)
 
 
 # ------------------------------------------------------------------------ MuJoCo, 3-D
@@ -584,9 +575,9 @@ def mujoco_xml(robot):
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
     warmstart, island: speed-ups of the solver that do not pay here.
     autoreset: would hide from us that a simulation diverged.
-    torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll. Each
-        moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll turn
-        about the same axis, and the physics may diverge. The robot has fallen long before.)
+    torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll.
+        Each moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll
+        turn about the same axis, and the physics may diverge. The robot has fallen long before.)
     contype 0: only the listed pairs of shapes can touch.
     condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
         three numbers of `friction` are for turning and rolling: condim 4 and 6.)
@@ -656,7 +647,7 @@ class MujocoSim(Simulator):
         self.model = self.build(robot)
         self.models = [None] * num_robots  # of each robot
         self.data = [mujoco.MjData(self.model) for _ in range(min(CORES, num_robots))]
-        # Of MuJoCo: time; positions of the torso's six joints, of the twelve others; their velocities
+        # Of MuJoCo: time; positions of the torso's six joints and of the twelve others; velocities
         self.physics = np.zeros((num_robots, 37))
         super().__init__(num_robots, standing, robot)
 
@@ -805,10 +796,9 @@ class PymunkSim(Simulator):
         rows = np.array([*map(self._tick, robots, speeds, push[:, 0].tolist())])  # [n, 10]
         ahead, height, rate, pitch = rows[:, :4].T  # [n] each
         pitches = rows[:, 3:]  # [n, 7]
-        # Ahead it moves as simulated, sideways as commanded; it turns as commanded.
-        moved = np.column_stack([ahead, move[:, 1:]])
         new = np.zeros_like(state)
-        new[:, GROUND] = compose(state[:, GROUND], moved)
+        # Ahead it moves as simulated, sideways as commanded; it turns as commanded.
+        new[:, GROUND] = compose(state[:, GROUND], np.column_stack([ahead, move[:, 1:]]))
         new[:, HEIGHT], new[:, TILT[1]], new[:, TILT_RATES[1]] = height, pitch, rate
         new[:, ANGLES[SAGITTAL]] = pitches[:, 1:] - pitches[:, self.PARENT]
         new[:, YAW_RATE] = move[:, 2] / robot.control_dt

@@ -86,9 +86,9 @@ class Task:
 
 @dataclass(frozen=True)
 class Spread:
-    """How far floor and robot may be from the model in an episode (domain randomization): ± on every
-    number of the field of the same name in the Body of stage 1, each uniform and independent. All
-    zeros: the model itself. Sizes: our choice."""
+    """How far floor and robot may be from the model in an episode (domain randomization): ± on
+    every number of the field of the same name in the Body of stage 1, each uniform and independent.
+    All zeros: the model itself. Sizes: our choice."""
 
     friction: float = 0.3  # [-] on μ
     mass: float = 0.10  # [-] on the factors of every link's mass and inertia
@@ -132,8 +132,8 @@ DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
 # Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these
-# change faster than d; a coordinate beyond 0.5 m gives a constant. Beyond 2 m a policy sees only the
-# direction of a goal.
+# change faster than d; a coordinate beyond 0.5 m gives a constant. Of a goal beyond 2 m a policy
+# sees only the direction and the yaw. (Training has few such goals.)
 # What a double step does also depends on how the body moves when it begins. Without a sensor for
 # that, the last two actions stand in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
@@ -220,8 +220,8 @@ def potentials(goal, near_m):
 def margin_at_rest(after, moves_on, task):
     """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge.
 
-    after [n, 3]: the goal seen from the robot after a double step; moves_on [n, 3]: see `WalkEngine`
-    of stage 2. The margin is negative outside of the tolerance.
+    after [n, 3]: the goal seen from the robot after a double step; moves_on [n, 3]: as by
+    `WalkEngine` of stage 2. The margin is negative outside of the tolerance.
     """
     d, alpha, _ = polar(robot_model.relative(moves_on, after))  # of the goal as seen at rest
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
@@ -279,7 +279,7 @@ def predict(goal, covariance, motion, drift):
     x, y, _ = goal.T
     turn = motion[:, 2]
     # The robot has turned, so what it sees turns back, and so does the error of x and y.
-    J = robot_model.rotation(0 * turn, 0 * turn, -turn)  # [n, 3, 3] Rz(−turn)
+    J = robot_model.rotation(0, 0, -turn)  # [n, 3, 3] Rz(−turn)
     # Let the double step end a small e = (e_x, e_y, e_yaw) away from its plan, as seen from there.
     # This moves a goal at (x, y) by −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned
     # turn moves it to the side.
@@ -330,8 +330,7 @@ class View:
 
 
 class FootstepWorld:
-    """N robots and their N goals; call `reset` first. `robots` are always the indices [n] of some of
-    them.
+    """N robots and their N goals; call `reset` first. `robots` are the indices [n] of some of them.
 
     Every robot has a random generator of its own, so N robots together do the same as each of them
     alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
@@ -454,7 +453,7 @@ class FootstepWorld:
     def _disturbance(self, plan, robots):
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
         task, disturbance = self.task, robot_model.Disturbance.none(plan)
-        std = [task.imu_rad, task.imu_rad, task.imu_rad_s, task.imu_rad_s]
+        std = np.repeat([task.imu_rad, task.imu_rad_s], 2)  # of roll, pitch, and their rates
         usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
         chance = self.engine.period / task.push_every  # of a push in a double step
@@ -508,9 +507,8 @@ class FootstepWorld:
         arrival = np.where(in_a_row == 1, ended, self.arrival[robots])
         success = in_a_row >= task.in_a_row
         self.in_a_row[robots], self.arrival[robots] = in_a_row, arrival
-        # An episode is cut off before a double step that might take too long
-        most = round(task.time_limit / robot.control_dt)  # [ticks]
-        no_time = ended + plan.most_ticks > most
+        # An episode is cut off before a double step that might take too long.
+        no_time = ended + plan.most_ticks > round(task.time_limit / robot.control_dt)  # [ticks]
         periods = motion.ticks / self.engine.period_ticks
         margin = margin_at_rest(after, self.engine.moves_on(robots), task)
         terms = reward_terms(before, after, actions, last, fall, success, task, periods, margin)
@@ -532,8 +530,8 @@ def draw_way(axes, world, goal, feet, camera, chosen=()):
     """Draws the goal [3] and measured footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor,
     and bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet.
 
-    The goal is a disc as large as the tolerance, with a tip that points along its yaw; it lies above
-    the prints.
+    The goal is a disc as large as the tolerance, with a tip that points along its yaw. It lies
+    above the prints.
     """
     robot, radius = world.engine.robot, world.task.success_m
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
@@ -602,10 +600,9 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     def reset(self, *, seed=None, options=None):
         """Starts new episodes; robot i gets seed + i. options["goals"] [N, 3] sets the goals."""
         super().reset(seed=seed)
-        world = self.world
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
-        world.reset(self.robots, rngs, **(options or {}))
-        return world.view(self.robots).observation, {}
+        self.world.reset(self.robots, rngs, **(options or {}))
+        return self.world.view(self.robots).observation, {}
 
     def walk(self, actions):
         """Simulates one double step; no episode starts again. infos: the result of
@@ -701,7 +698,7 @@ def estimate_errors(world, seed):
     for _ in range(15):
         view = world.view(robots)
         error = (view.goal - world.relative_goal(robots))[:, :2]
-        variance = np.diagonal(world.covariance, axis1=1, axis2=2)[:, :2]
+        variance = world.covariance[:, [0, 1], [0, 1]]
         rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
         world.step(hand_written(view.goal, world.limits), robots)
     return np.transpose(rows)

@@ -50,19 +50,20 @@ A cut-off and a fall both end an episode, but they do not mean the same. After a
 there is no future: the sum of the later rewards is 0, and that is the truth. The same holds at the
 goal. After a cut-off (truncated: the time is up) the world would have gone on; only our recording
 stopped. The critic does not see the time. So a 0 there would lower V wherever the time may be up,
-as if a robot that walks well were about to fall. So the sum of the rewards that
-were not recorded is replaced by V of the LAST observation of that episode ("bootstrapping"). The
-first observation of the next episode must not be used. Where a rollout ends within an episode, this
-sum is replaced by V of the observation that follows.
+as if a robot that walks well were about to fall. So the sum of the rewards that were not recorded
+is replaced by V of the LAST observation of that episode ("bootstrapping"). The first observation of
+the next episode must not be used. Where a rollout ends within an episode, this sum is replaced by V
+of the observation that follows.
 
 In learning_curve.png successes should rise, time-outs and times of successes should fall. (The
 first successes are of short walks, so their times begin too low.) Falls are rare from the start, as
-the most likely action of the first policy is to step on the spot. The entropy, which says how random the policy is (in nats: with
-natural logarithms), falls: the policy learns to be narrow. The clip fraction (of samples outside of
-1 ± ε) and the KL (Kullback-Leibler divergence) say how much a rollout changes the policy; they fall
-with the learning rate, most at the end. The explained variance says how much of the differences
-between the critic's targets V has predicted. It stays low here: even the true goal tells little of
-what a walk will return (*A critic that sees the truth* in `tests/exercises/projects.md`).
+the most likely action of the first policy is to step on the spot. The entropy, which says how
+random the policy is (in nats: with natural logarithms), falls: the policy learns to be narrow. The
+clip fraction (of samples outside of 1 ± ε) and the KL (Kullback-Leibler divergence) say how much a
+rollout changes the policy; they fall with the learning rate, most at the end. The explained
+variance says how much of the differences between the critic's targets V has predicted. It stays low
+here: even the true goal tells little of what a walk will return (*A critic that sees the truth* in
+`tests/exercises/projects.md`).
 
 How to read this file: read down to the line of equals signs. Below it are `train`, which keeps the
 files of a training, the picture, and the command line.

@@ -525,8 +525,8 @@ def load_planner(path):
 
 def choose_planners(world, policies, files=()):
     """Planners by row name for these files of policies and of planners, and the name of the one to
-    show. The first policy is called `policy`, all others like their file; if two would have the same
-    name, the second one is called by its path."""
+    show. The first policy is called `policy`, all others like their file; if two would have the
+    same name, the second one is called by its path."""
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
         "baseline": BaselinePlanner(),
@@ -679,19 +679,19 @@ def play(world, planners, push):
 
 # ------------------------------------------------------------------------ command line
 def arguments(argv):
-    """The flags of the command line."""
+    """The flags of the command line. Those without a help are told in the head of this file."""
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
     files = {"type": Path, "nargs": "+", "default": [], "metavar": "FILE"}
-    add("--noise", action="store_true", help="Walk also with noise on the measured goal.")
-    add("--far", action="store_true", help="Walk also to goals twice as far.")
+    add("--noise", action="store_true")
+    add("--far", action="store_true")
     add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
-    add("--friction", type=float, help="Give every floor this μ, instead of a random one.")
-    add("--push", type=float, help="Push the torso by so many m/s, every 3 s on average.")
+    add("--friction", type=float)
+    add("--push", type=float)
     add("--policy", **files, help="Evaluate these files of 04_ppo.py.")
-    add("--planner", **files, help="Evaluate the class Planner of these files, too.")
-    add("--robot", type=Path, help="Walk with the robot of this file: its ROBOT, WALK and LIMITS.")
-    add("--play", action="store_true", help="Open a window: click a goal, watch the robot walk.")
+    add("--planner", **files)
+    add("--robot", type=Path)
+    add("--play", action="store_true")
     add(
         "--jobs",
         type=int,
@@ -701,10 +701,9 @@ def arguments(argv):
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         several = args.sim == "pymunk" and __name__ == "__main__"
         args.jobs = robot_model.CORES if several else 1
-    if min(args.episodes, args.jobs) < 1:
-        parser.error("--episodes and --jobs from 1 on")
-    if not 0 <= (args.push or 0) < 1e3 or not 0 <= (args.friction or 0) < 1e3:
-        parser.error("--push and --friction from 0 on")
+    numbers = args.push or 0, args.friction or 0
+    if min(args.episodes, args.jobs) < 1 or not all(0 <= x < 1e3 for x in numbers):
+        parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
     args.policy = args.policy or [own if own.is_file() else shipped]
     return args
