@@ -71,6 +71,9 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 from pathlib import Path
 
+if "matplotlib_inline" in os.environ.get("MPLBACKEND", "") and "IPython" not in sys.modules:
+    del os.environ["MPLBACKEND"]  # of a notebook that starts this script, maybe without its package
+
 import matplotlib
 import mujoco.rollout
 import numpy as np
@@ -84,11 +87,7 @@ COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in ever
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 # Columns of a robot's state, see `Simulator`. The first three also name columns of a torso's pose.
-GROUND, HEIGHT, TILT = (
-    [0, 1, 5],
-    2,
-    [3, 4],
-)  # x, y, yaw: where it stands on the floor; z; roll, pitch
+GROUND, HEIGHT, TILT = [0, 1, 5], 2, [3, 4]  # x, y, yaw on the floor; z; roll, pitch
 TORSO, ANGLES, TILT_RATES, YAW_RATE = slice(6), np.arange(6, 18), [18, 19], 20
 
 
@@ -485,8 +484,9 @@ class Simulator:
         """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
         [n, 4]. (A gyro measures the rates about the torso's own axes. While the robot is upright
         these are nearly the same.)"""
-        state = self.state[robots]
-        return np.hstack([state[:, TILT], state[:, TILT_RATES] + self.body.gyro[robots]])
+        imu = self.state[robots][:, TILT + TILT_RATES]
+        imu[:, 2:] += self.body.gyro[robots]
+        return imu
 
     def run(self, robots, plan, disturbance=None):
         """Lets these robots [n] follow their plan, a Trajectory, in one control tick after the

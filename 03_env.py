@@ -459,7 +459,6 @@ class FootstepWorld:
         chance = self.engine.period / task.push_every  # of a push in a double step
         for i, push, imu in zip(robots, disturbance.push, disturbance.imu):
             imu[:] = self.rngs[i, IMU].normal(0, std, imu.shape)
-            imu[:, 0] *= not self.engine.planar  # the plane has no roll
             drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
             if drawn < chance:
                 first = int(when * (usual - ticks + 1))

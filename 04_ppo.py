@@ -349,21 +349,22 @@ def train(
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
-    about |= {"seed": seed, "steps": updates * samples, "config": cfg}
-    about = plain(about | {"fits": fingerprint(getattr(envs.unwrapped, "world", None))})
+    fits = fingerprint(getattr(envs.unwrapped, "world", None))
+    about = plain(about | {"seed": seed, "steps": updates * samples, "config": cfg, "fits": fits})
     if resume:
         model, rows, adam = stopped(checkpoint, about, make_model)
     elif checkpoint.exists():
         raise InputError(f"{checkpoint}: a stopped training: --resume continues it, or delete it")
     else:
-        torch.manual_seed(random_seed(seed))
+        torch.manual_seed(seed)
         model, rows, adam = first_model(envs, cfg, make_model), [], None
     first = len(rows)
     # foreach: one call for all weights, which is quicker; eps as in [8]
     optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
     if adam:
         optimizer.load_state_dict(adam)
-    new_seed = random_seed(seed, 1 + first)  # after a stop: other random numbers than before it
+    # After a stop: other random numbers than before it
+    new_seed = int(np.random.SeedSequence([seed, 1 + first]).generate_state(1)[0])
     torch.manual_seed(new_seed)
     log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
     bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
@@ -419,11 +420,6 @@ def episode_means(infos):
             counted = done & final["success"] if name == "time" else done
             ended[name] += final[name][counted].tolist()
     return {name: float(np.mean(values or [np.nan])) for name, values in ended.items()}
-
-
-def random_seed(*numbers):
-    """A 32-bit seed made of several numbers."""
-    return int(np.random.SeedSequence(numbers).generate_state(1)[0])
 
 
 # ------------------------------------------------------------------------ files

@@ -451,13 +451,12 @@ def evaluate_all(args, blocks, planners):
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
-    ours = PolicyPlanner, BaselinePlanner
     futures = {}
     if args.jobs > 1:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
         pool = ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"))
         for row, job in reversed(jobs.items()):  # the baseline takes longest
-            if isinstance(job[1], ours):
+            if isinstance(job[1], (PolicyPlanner, BaselinePlanner)):
                 futures[row] = pool.submit(walk_row, *job)
         signal.signal(signal.SIGINT, before)
     try:
@@ -701,8 +700,8 @@ def arguments(argv):
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         several = args.sim == "pymunk" and __name__ == "__main__"
         args.jobs = robot_model.CORES if several else 1
-    numbers = args.push or 0, args.friction or 0
-    if min(args.episodes, args.jobs) < 1 or not all(0 <= x < 1e3 for x in numbers):
+    rates = args.push or 0, args.friction or 0
+    if min(args.episodes, args.jobs) < 1 or not all(0 <= x < 1e3 for x in rates):
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
     args.policy = args.policy or [own if own.is_file() else shipped]
