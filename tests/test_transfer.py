@@ -28,7 +28,7 @@ SETTINGS = 2, robot_model.stance(ROBOT), ROBOT  # of a simulator
 def pose(simulator, joints):
     """Where torso and links are, and how they are turned, seen from the torso [9, 12]."""
     data = mujoco.MjData(simulator.model)
-    data.qpos[:] = [0, 0, 0, 1, 0, 0, 0, *joints]
+    data.qpos[6:] = joints
     mujoco.mj_kinematics(simulator.model, data)
     return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
 
@@ -105,23 +105,42 @@ def test_rows_become_a_table_and_sentences(monkeypatch):
 
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
-    own = evaluate.load_robot(TESTS / "exercises" / "starters" / "op3.py")
-    robot, tuned, limits = own.values()
-    measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, limits)
+    path = TESTS / "exercises" / "starters" / "op3.py"
+    world = evaluate.make_world(Namespace(sim="mujoco", robot=path, friction=None), 1)
+    tuned, robot = world.engine.parameters, world.engine.robot
+    measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, world.limits)
     assert measured["stood"] > 0.8
     monkeypatch.setattr(common, "cross_entropy", lambda costs, mean, *more, **settings: mean)
-    assert walk.tune("mujoco", 0, **own) == tuned
+    assert walk.tune(world, 0) == tuned
 
 
-@pytest.mark.skipif(find_spec("pybullet") is None, reason=f"no PyBullet: {bullet.PIP}")
+PYBULLET = pytest.mark.skipif(find_spec("pybullet") is None, reason=f"no PyBullet: {bullet.PIP}")
+
+
+@PYBULLET
+def test_another_engine_tells_the_rates_of_roll_pitch_and_yaw():
+    """While a robot that flies turns about all axes."""
+    simulator = bullet.BulletSim(*SETTINGS)
+    simulator.reset([0])
+    world = simulator.worlds[0]
+    turn = world.getQuaternionFromEuler([0.4, 0.5, 2.0])
+    world.resetBasePositionAndOrientation(bullet.ROBOT, [0, 0, 2], turn)
+    world.resetBaseVelocity(bullet.ROBOT, angularVelocity=[1.0, -2.0, 1.5])
+    before, now, after = (simulator.tick(0, simulator.standing[1], [0, 0]) for _ in range(3))
+    close(now[3:6], [0.4, 0.5, 2.0], "as it was turned", atol=0.1)
+    close(now[18:], (after - before)[3:6] / 0.02, "as it turns on", atol=0.05)
+
+
+@PYBULLET
 @pytest.mark.slow
 def test_another_engine_walks_the_same_walks_with_our_masses_and_rotors():
     body = robot_model.Body.as_model(ROBOT, 4)
     poses = walked(bullet.BulletSim, body)
     close(poses, walked(robot_model.MujocoSim), "as in MuJoCo, nearly", atol=0.3)
-    for change in {"friction": np.full(4, 0.05)}, {"delay": np.ones(4, int)}:
+    for change in {"friction": np.full(4, 0.05)}, {"delay": np.ones(4)}:
         assert np.abs(walked(bullet.BulletSim, replace(body, **change)) - poses).max() > 0.005
     simulator = bullet.BulletSim(*SETTINGS)
+    simulator.reset([0, 1])
     shin = simulator.model.body("left shin")
     mass, _, inertia, centre, *_ = simulator.worlds[1].getDynamicsInfo(bullet.ROBOT, 3)
     close([mass, *centre], [*shin.mass, *shin.ipos])

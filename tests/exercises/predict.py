@@ -57,7 +57,6 @@ def reflex(sim):
     plans = dice.uniform(limits.low, limits.high, (96, 8, 2, 3))
     forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
     bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
-    offset = dice.uniform(-env.Spread().gyro, env.Spread().gyro, (96, 1, 2))  # [rad/s]
     force = walk_engine.push_force(robot_model.RobotModel(), 0.4)  # [N]
 
     def standing(gain, steps, force):
@@ -65,8 +64,8 @@ def reflex(sim):
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
 
         def disturb(k, disturbance, robots):
-            noise = rng.normal(size=(96, disturbance.imu.shape[1], 2))
-            disturbance.imu[..., 2:] = (offset + task.imu_rad_s * noise)[robots]
+            noise = rng.normal(0, task.imu_rad_s, (96, disturbance.imu.shape[1], 2))
+            disturbance.imu[..., 2:] = noise[robots]
             last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
             first = rng.integers(last + 1, size=96)
             push = robot_model.turned([force, 0], rng.uniform(0, 2 * np.pi, 96))  # [96, 2]

@@ -31,7 +31,7 @@ ROWS = (
     ("fallen", ROBOT, ("fallen",), 1, 15, ("test_01_robot_model", "fall_means")),
     ("body_frames", ROBOT, ("body_frames",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
     ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_01_robot_model", "leg_inverse", "inverse_")),
-    ("reflex", ENGINE, ("WalkPlan.reflex",), 2, 40, ("test_02_walk_engine", "reflex_")),
+    ("reflex", ENGINE, ("reflex",), 2, 40, ("test_02_walk_engine", "reflex_")),
     ("capture", ENGINE, ("capture_step", "waiting_pace"), 2, 40,
      ("test_02_walk_engine", "capture_", "waiting_")),
     ("quintic", ENGINE, ("quintic",), 2, 30, ("test_02_walk_engine", "quintic_")),

@@ -76,7 +76,17 @@ def test_a_stage_leaves_the_settings_of_a_notebook_alone():
 
 def test_the_backend_of_a_notebook_may_be_missing():
     """`!.venv/bin/python 01_robot_model.py` in a cell passes on what the notebook draws with."""
-    done = python("01_robot_model.py", "--help", MPLBACKEND="inline")
+    done = python(
+        "01_robot_model.py", "--help", MPLBACKEND="module://matplotlib_inline.backend_inline"
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_an_import_changes_nothing_in_its_surroundings():
+    code = (
+        "import os; before = {**os.environ}; __import__('05_evaluate'); assert os.environ == before"
+    )
+    done = python("-c", code, MPLBACKEND="agg")
     assert done.returncode == 0, done.stderr
 
 
@@ -85,10 +95,10 @@ def test_the_backend_of_a_notebook_may_be_missing():
 ])  # fmt: skip
 def test_stage_5_walks_in_any_surrounding(surrounding, tmp_path, monkeypatch, capfd):
     """Where no other process can help."""
-    (tmp_path / "goals.csv").write_text("x,y,yaw\n0,0,0\n")
     policy = ROOT / "results" / "pymunk" / "policy.pt"
-    flags = ["--goals", "goals.csv", "--policy", str(policy), "--out", "out"]
-    monkeypatch.setattr(sys, "argv", ["05_evaluate.py", *flags])
+    flags = ["--episodes", "1", "--policy", str(policy), "--out", "out"]
+    alone = [] if surrounding == "notebook" else ["--jobs", "1"]
+    monkeypatch.setattr(sys, "argv", ["05_evaluate.py", *flags, *alone])
     monkeypatch.setattr(robot_model, "CORES", 2)
     monkeypatch.chdir(tmp_path)
     # python -m cProfile 05_evaluate.py: the module __main__ is not the stage.

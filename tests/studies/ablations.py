@@ -82,7 +82,7 @@ def learn(sim, seed, folder, model=ppo.ActorCritic, config=ppo.PPOConfig(), **wo
     """Trains a variant in a folder, or goes on with it; returns its planner."""
     model, _ = ppo.train(
         config,
-        partial(env.FootstepVectorEnv, sim=sim, noise=True, staggered=True, **world),
+        partial(env.FootstepVectorEnv, sim=sim, noise=True, **world),
         folder,
         STEPS,
         seed,

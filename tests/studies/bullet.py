@@ -57,10 +57,10 @@ class BulletSim(robot_model.MujocoSim):
         world.createMultiBody(0, world.createCollisionShape(world.GEOM_PLANE))
         world.changeDynamics(FLOOR, -1, lateralFriction=1)
         # Of the links that make up a body the first one has its place, the last one its mass.
-        part = model.jnt_bodyid  # [13] the torso, then the body below each joint
+        part = model.jnt_bodyid[5:]  # [13] the torso, then the body below each joint
         last = np.append(np.diff(part) > 0, True)[:, None]  # [13, 1]
         first = np.roll(last, 1)
-        axes = model.jnt_axis[1:]
+        axes = model.jnt_axis[6:]
         inertias = np.where(last, model.body_inertia[part], 1e-5)  # [13, 3]
         inertias[1:] += model.dof_armature[6:, None] * axes
         masses = np.where(last[:, 0], model.body_mass[part], 0.001)
@@ -104,14 +104,9 @@ class BulletSim(robot_model.MujocoSim):
         mode, friction = world.VELOCITY_CONTROL, model.dof_frictionloss[6:]
         world.setJointMotorControlArray(ROBOT, JOINTS, mode, forces=friction)  # to the rate 0
 
-    def advance(self, robots, targets, push, trunk):
+    def advance(self, robots, targets, push, move):
         """See `Simulator`."""
-        return np.array(
-            [
-                [self.tick(i, *inputs) for inputs in zip(aims[:, 0], forces)]
-                for i, aims, forces in zip(robots, targets, push)
-            ]
-        )
+        return np.array([*map(self.tick, robots, targets[:, 1], push)])
 
     def tick(self, i, aim, force):
         """The state [21] of robot i after a tick with these joint targets [12] and this push [2]."""
@@ -127,12 +122,15 @@ class BulletSim(robot_model.MujocoSim):
             world.applyExternalForce(ROBOT, -1, [*force, 0], centre, world.WORLD_FRAME)
             world.stepSimulation()
         centre, turn = world.getBasePositionAndOrientation(ROBOT)
-        axes = np.reshape(world.getMatrixFromQuaternion(turn), (3, 3))
-        position = centre - axes @ model.body_ipos[1]
+        tilt = world.getEulerFromQuaternion(turn)  # roll, pitch, yaw
+        position = centre - robot_model.rotation(*tilt) @ model.body_ipos[1]
         angles, _ = angles_and_rates(world)
-        omega = axes.T @ world.getBaseVelocity(ROBOT)[1]
-        # PyBullet's w is the last
-        return np.concatenate([position, robot_model.euler(np.roll(turn, 1)), angles, omega])
+        # The turning rate seen from the yaw: ω = ṙ·(cos pitch, 0, −sin pitch) + (0, ṗ, ẏ), for roll r,
+        # pitch p, yaw y
+        _, pitch, yaw = tilt
+        x, y, z = robot_model.rotation(0, 0, -yaw) @ world.getBaseVelocity(ROBOT)[1]
+        rates = x / np.cos(pitch), y, z + x * np.tan(pitch)
+        return np.concatenate([position, tilt, angles, rates])
 
 
 def angles_and_rates(world):

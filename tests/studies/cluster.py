@@ -48,11 +48,9 @@ class Part:
         robot_model.CORES = 1  # in this process
         self.envs = env.FootstepVectorEnv(count, **settings)
 
-    def reset(self, seeds, less):
-        """less [count]: double steps that the first episodes are shorter (`staggered`)."""
-        observations, _ = self.envs.reset(seed=int(seeds[0]))
-        self.envs.world.allowed -= less * self.envs.world.engine.period_ticks
-        return observations
+    def reset(self, seeds):
+        """The first observations."""
+        return self.envs.reset(seed=int(seeds[0]))[0]
 
     def step(self, actions):
         """What `FootstepVectorEnv.step` returns, and of its infos those that training needs."""
@@ -62,8 +60,8 @@ class Part:
 
 
 class Cluster(env.FootstepVectorEnv):
-    """N robots shared among some actors. To stage 4 it is a staggered `FootstepVectorEnv`; a robot
-    that stays here tells the settings of all."""
+    """N robots shared among some actors. To stage 4 it is a `FootstepVectorEnv`; a robot that stays
+    here tells the settings of all."""
 
     def __init__(self, num_envs, actors, **settings):
         super().__init__(1, **settings)
@@ -72,12 +70,12 @@ class Cluster(env.FootstepVectorEnv):
         shares = np.array_split(np.arange(num_envs), min(actors, num_envs))
         self.parts = [remote.remote(len(share), settings) for share in shares]
 
-    def ask(self, method, *arrays):
+    def ask(self, method, array):
         """The answers of all actors, which work at the same time. Each gets its robots' part of the
-        arrays.
+        array.
         """
-        shares = zip(*(np.array_split(array, len(self.parts)) for array in arrays))
-        calls = [getattr(part, method).remote(*share) for part, share in zip(self.parts, shares)]
+        shares = np.array_split(array, len(self.parts))
+        calls = [getattr(part, method).remote(share) for part, share in zip(self.parts, shares)]
         try:
             return ray.get(calls)
         except ray.exceptions.RayActorError as error:
@@ -87,12 +85,7 @@ class Cluster(env.FootstepVectorEnv):
 
     def reset(self, *, seed, options=None):
         """See `FootstepVectorEnv.reset`; there are no options."""
-        super().reset(seed=seed)
-        # Here, since stage 3 makes these random numbers for all robots together
-        most = self.world.max_ticks // self.world.engine.period_ticks
-        less = self.np_random.integers(most, size=self.num_envs)
-        seeds = seed + np.arange(self.num_envs)
-        return np.concatenate(self.ask("reset", seeds, less)), {}
+        return np.concatenate(self.ask("reset", seed + np.arange(self.num_envs))), {}
 
     def step(self, actions):
         """See `FootstepVectorEnv.step`."""
@@ -147,7 +140,7 @@ def train(args):
 def study_speed(args):
     """Rows of short trainings: by stage 4 alone, and with 1, 2 and 4 actors on this machine."""
     connect(4)
-    kinds = {"stage 4 alone": partial(env.FootstepVectorEnv, staggered=True)}
+    kinds = {"stage 4 alone": env.FootstepVectorEnv}
     kinds |= {f"{n} actor{'s' * (n > 1)}": partial(Cluster, actors=n) for n in (1, 2, 4)}
     rows, weights = [], []
     for name, kind in kinds.items():

@@ -405,9 +405,8 @@ def readme_result(rows):
         f"{share(of_far['slower'])}. {said('seeds')['trainings']} In 2-D, to near goals, it saves {plane}{shown}.",
         f"With every planner at least {share(arrived, 1)} of the walks succeed. {said('seeds')['pooled']} "
         f"{said('kicks')['hard']}",
-        f"{said('kicks')['slow']} {said('transfer')['zeros']}",
     ]
-    old = before("seeds", "kicks", "transfer")
+    old = before("seeds", "kicks")
     return f"{table(lines, digits)}\n{bullets(told)}\n{old}"
 
 

@@ -65,20 +65,26 @@ class Blocks(env.FootstepWorld):
             self.simulator.models[i].hfield_data = np.kron(heights, np.ones((4, 4))).ravel()
 
 
-class SlowNoise(env.FootstepWorld):
-    """The noise of the goal is as large as usual, but slow: the next look keeps 0.9 of it."""
+class Slow:
+    """Noise as large as that of a generator, but slow: the next number keeps 0.9 of the last one."""
 
-    def __init__(self, num_robots, *args, **settings):
-        super().__init__(num_robots, *args, **settings)
-        self.last = np.zeros((num_robots, 3))
+    def __init__(self, rng):
+        self.rng, self.last = rng, None
 
-    def measure(self, robots, std):
-        exact = self.relative_goal(robots)
+    def normal(self, *args):
+        new = self.rng.normal(*args)
         # e ← 0.9·e + √(1 − 0.9²)·(new noise) has the standard deviation of the new noise
-        new = super().measure(robots, std) - exact
-        slow = 0.9 * self.last[robots] + (1 - 0.9**2) ** 0.5 * new
-        self.last[robots] = np.where(self.steps[robots, None] == 0, new, slow)
-        return exact + self.last[robots]
+        first = self.last is None
+        self.last = new if first else 0.9 * self.last + (1 - 0.9**2) ** 0.5 * new
+        return self.last
+
+
+class SlowNoise(env.FootstepWorld):
+    """The noise of a goal is slow."""
+
+    def set_goal(self, robots, goals):
+        self.rngs[robots, env.NOISE] = [*map(Slow, self.rngs[robots, env.NOISE])]
+        super().set_goal(robots, goals)
 
 
 def ground(mu):
@@ -99,7 +105,7 @@ WORLDS = {  # settings of the world
     "a gyro ten times worse": {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
     SLOW: {"kind": SlowNoise},
     "exact joint zeros (σ 0.5°)": {"spread": env.Spread(zero=0.0)},
-    "joint zeros, σ 1°": {"spread": env.Spread(zero=np.radians(1.0))},
+    "joint zeros, σ 1°": {"spread": env.Spread(zero=2 * env.Spread.zero)},
 }
 BLOCKS = {
     f"blocks up to {height} mm": {"kind": Blocks, "physics": BlocksSim, "highest": height / 1000}
@@ -124,18 +130,18 @@ class LateSim(robot_model.MujocoSim):
     """The measured tilt is 40 ms old."""
 
     def __init__(self, num_robots, *settings):
-        self.tilts = np.zeros((2, num_robots, 2))  # [rad] the last two readings
         super().__init__(num_robots, *settings)
+        self.tilts = np.zeros((4, num_robots, 2))  # [rad] of the last four ticks
 
     def place(self, robots):
         """See `Simulator`."""
         super().place(robots)
-        self.tilts[:, robots] = self.state[robots, 3:5]
+        self.tilts[:, robots] = self.state[robots][:, robot_model.TILT]
 
     def imu(self, robots):
         """See `Simulator`."""
         now, late = super().imu(robots), self.tilts[0, robots]
-        self.tilts[:, robots] = self.tilts[1, robots], now[:, :2]
+        self.tilts[:, robots] = *self.tilts[1:, robots], now[:, :2]
         return np.hstack([late, now[:, 2:]])
 
 
@@ -144,7 +150,7 @@ class Wrong(env.FootstepWorld):
 
     def _disturbance(self, plan, robots):
         disturbance = super()._disturbance(plan, robots)
-        disturbance.imu[..., :2] += 0.02 * np.sign(self.gyro_offset[robots])[:, None]
+        disturbance.imu[..., :2] += 0.02 * np.sign(self.simulator.body.gyro[robots])[:, None]
         return disturbance
 
 

@@ -12,7 +12,7 @@ A walk touches a disc if, at any time, a sole or the torso's column comes over i
 counts, too.) For comparison the robot walks to the same goals without discs.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import common
 import networkx  # PyTorch brings it along
@@ -120,7 +120,7 @@ class Chain:
         if len(robots):
             self.next[robots] += 1
             self.aim(robots)
-            seen = self.world.look(robots)
+            seen = self.world.view(robots)
             view.goal[near], view.observation[near] = seen.goal, seen.observation
         return self.planner.act(view)
 
@@ -184,21 +184,16 @@ def draw_discs(axes, field):
     axes.plot(*way.T, "k:", lw=1, zorder=0.4)
 
 
-SHOWN = 2, 1, 0  # fields of the figure
-
-
 def plot(found, sim):
-    """Draws three fields from above, and the policy's walks in them."""
-    figure, grid = common.subplots(1, len(SHOWN), figsize=(11, 4.2))
-    fields, trials = draw_fields(max(SHOWN) + 1)
+    """Draws three fields from above, and walks of the policy in them."""
+    figure, grid = common.subplots(1, 3, figsize=(11, 4.2))
     world = common.world(sim, num_robots=1)
-    for axes, i in zip(grid, SHOWN):
-        draw_discs(axes, fields[i])
-        chain = Chain(common.shipped(sim), world, [fields[i].way])
-        one = replace(trials, goals=trials.goals[i : i + 1], first=i)
-        walked = evaluate.draw_walks(axes, world, chain, one)
-        title = f"shortest way {fields[i].length:.1f} m{walked}"
-        middle = (fields[i].way.max(0) + fields[i].way.min(0))[:2] / 2  # of the figure
+    for axes, field in zip(grid, draw_fields(3)[0][::-1]):
+        draw_discs(axes, field)
+        chain = Chain(common.shipped(sim), world, [field.way])
+        one = evaluate.Trials(field.way[-1:], SEED)
+        title = f"shortest way {field.length:.1f} m{evaluate.draw_walks(axes, world, chain, one)}"
+        middle = (field.way.max(0) + field.way.min(0))[:2] / 2  # of the figure
         (left, low), (right, high) = middle - [1.8, 1.5], middle + [1.8, 1.5]
         axes.set(title=title, xlabel="x [m]", ylabel="y [m]", aspect="equal")
         axes.axis((left, right, low, high))

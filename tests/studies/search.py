@@ -45,12 +45,11 @@ def displacements(sim, steps):
     after which of them the robot still stands [A]. Measured for a robot in the middle of the
     spread: the third to sixth of six double steps in a row.
     """
-    plans = np.repeat(np.tile(steps, (2, 1, 1))[:, None], 6, 1)  # [2·A, 6, 2, 3]
+    plans = np.repeat(steps[:, None], 6, 1)  # [A, 6, 2, 3]
     body = robot_model.Body.as_model(robot_model.RobotModel(), len(plans))
-    body.delay = np.repeat([0, env.Spread().delay], len(steps))
+    body.delay += env.Spread().delay / 2
     poses, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body)
-    moved = robot_model.relative(poses[:, 2:-1], poses[:, 3:])  # [2·A, 4, 3]
-    return moved.reshape(2, -1, 4, 3).mean((0, 2)), (fall == 6).reshape(2, -1).all(0)
+    return robot_model.relative(poses[:, 2:-1], poses[:, 3:]).mean(1), fall == 6
 
 
 def steps_to_go(moves, task):

@@ -13,13 +13,9 @@ estimate: how large are the errors of the estimated goal, and how large are thos
 claims? Also for a simpler filter. Writes seeds.estimate.png.
 pairs: times of the policy and of `expert`, goal by goal, from results/<sim>/trials.csv. Writes
 seeds.pairs.png.
-film: policies on their way to one goal; --film 1,024.pt … are named by their double steps. Writes
-learning.gif.
 """
 
 from dataclasses import replace
-from itertools import islice, zip_longest
-from pathlib import Path
 
 import common
 import numpy as np
@@ -125,32 +121,6 @@ def study_pooled(args):
     return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, {})}
 
 
-def study_film(args):
-    """Films the policies of some files side by side on their way to one goal, at twice their speed,
-    for 16 s at most, each until its walk ends: learning.gif."""
-    if not args.film:
-        return print("the film is left out: --film FILES")
-    window = -0.6, 1.63, -0.41, 1.0  # [m] around start, goal and a robot of 0.8 m
-    names = [f"{path.stem} double steps" for path in args.film]
-    figure, panels = common.subplots(1, len(names), figsize=(4 * len(names), 3))
-
-    def pictures(axes, name, path):
-        planner = common.policy(path, args.sim)
-        world = common.world(args.sim, num_robots=1, noise=False)
-        world.reset([0], [env.stream("evaluation", 0, 0)], evaluate.FIGURE_GOALS[:1])
-        planner.reset(1)
-        feet, ended = [], False
-        while not ended:
-            for result in evaluate.pictures(axes, world, planner, feet, np.zeros(2), name, window):
-                yield result
-            ended = any(result[outcome][0] for outcome in evaluate.OUTCOMES)
-
-    films = map(pictures, np.ravel(panels), names, args.film)
-    every_second = islice(zip_longest(*films), 0, 200, 2)
-    evaluate.save_film(figure, every_second, args.out.parent / "learning.gif")
-    return {"files": names}
-
-
 class Watched(env.FootstepWorld):
     """Stores for every view the squared errors, the claimed variances, and the distance."""
 
@@ -159,10 +129,13 @@ class Watched(env.FootstepWorld):
         self.independent = independent  # does its filter ignore how the errors of x, y, yaw relate?
         self.seen = []
 
-    def look(self, robots):
+    def measure(self, robots):
         if self.independent:
             self.covariance[robots] *= np.eye(3)
-        view, goal = super().look(robots), self.relative_goal(robots)
+        super().measure(robots)
+
+    def view(self, robots):
+        view, goal = super().view(robots), self.relative_goal(robots)
         error = view.goal - goal
         error[:, 2] = env.wrap(error[:, 2])
         claimed = np.diagonal(self.covariance[robots], axis1=1, axis2=2)
@@ -247,14 +220,12 @@ def study_pairs(args):
     return rows
 
 
-FLAGS = {"film": {"type": Path, "nargs": "+", "help": "policies for learning.gif"}}
 PARTS = {
     "distances": study_distances,
     "pooled": study_pooled,
     "seeds": study_all,
     "estimate": study_estimate,
     "pairs": study_pairs,
-    "film": study_film,
 }
 
 

@@ -42,7 +42,7 @@ InputError = robot_model.InputError
 DURATION = "7 minutes on one core; --bullet 7 minutes more, --urdf 8 minutes more"
 OWN, BULLET = "our model", "PyBullet"
 PUBLISHED, MENDED = "team's, as published", "team's, mended"
-ZEROS = {f"joint zeros, σ {degrees}°": np.radians(degrees) for degrees in (1, 2)}  # ours: 0.5°
+ZEROS = {f"joint zeros, σ {k / 2:g}°": k * env.Spread.zero for k in (2, 4)}  # ours: 0.5°
 SEED = 170  # of the evaluation; no other study uses it
 WALK = walk_engine.TUNED["mujoco"]
 OFF = {  # walks that do not answer what the IMU measures
@@ -90,14 +90,16 @@ def team_model(urdf, mend, ours):
         joint.range = np.sort(sign * joint.range + zero)
         motor = {"target": joint.name, "trntype": mujoco.mjtTrn.mjTRN_JOINT}
         spec.add_actuator(name=joint.name, **motor)
-    spec.worldbody.first_body().add_freejoint()
+    for kind, axis in zip(ours.jnt_type[:6], ours.jnt_axis):  # on which the torso hangs
+        spec.worldbody.first_body().add_joint(type=kind, axis=axis)
     cleats = spec.geoms
     spec.worldbody.add_geom(name="floor", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
     for k, cleat in enumerate(cleats):
         cleat.name = f"cleat {k}"
         spec.add_pair(geomname1="floor", geomname2=cleat.name, condim=3)
     model = spec.compile()
-    if not {*model.jnt_bodyid[[6, 12]]} <= {*model.geom_bodyid}:
+    bodies = model.jnt_bodyid[5:]  # [13] the torso, then the body below each joint
+    if not {*bodies[[6, 12]]} <= {*model.geom_bodyid}:
         raise ValueError("no spheres, the cleats, under both feet")
     model.geom_contype[:] = model.geom_conaffinity[:] = 0  # only these pairs touch
     for name in OURS:
@@ -107,7 +109,7 @@ def team_model(urdf, mend, ours):
     model.pair_friction[:] = ours.pair_friction[0]
     # The bodies with random masses: the torso, and those below our joints but for hip yaw and ankle
     # pitch (hip and foot are two bodies each, and only the mass of the lower one is random).
-    return model, np.delete(model.jnt_bodyid, [1, 5, 7, 11])
+    return model, np.delete(bodies, [1, 5, 7, 11])
 
 
 def team_sim(urdf, mend):

@@ -5,7 +5,7 @@
     python tests/studies/walk.py --tune      a search for the parameters TUNED; 20 minutes
     python tests/studies/walk.py --robot FILE.py    such a search for another robot, from its WALK on
 
-(each with `--mujoco` in 3-D.) All robots have random bodies, and gyros with errors. Every cell of a
+(each with `--mujoco` in 3-D.) All robots have random bodies, and an IMU with errors. Every cell of a
 map is eight walks. A search prints a line for TUNED, or for WALK of the file; it writes no file.
 """
 
@@ -43,18 +43,16 @@ def speed_plans():
 
 
 def random_robots(rng, count, robot=OURS):
-    """Bodies, and `disturb` of `walk_plans`, as in stage 3: each gyro's constant error, and noise of
-    gyro and tilt at every tick."""
-    spread, task = env.Spread(), env.Task()
-    constant = rng.uniform(-spread.gyro, spread.gyro, (count, 1, 2))  # [rad/s] about x and y
+    """Bodies, and `disturb` of `walk_plans`, as in stage 3: noise of the IMU at every tick."""
+    task = env.Task()
+    std = np.repeat([task.imu_rad, task.imu_rad_s], 2)
 
     def disturb(k, disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
-        gyro, tilt = rng.normal(size=(2, count, disturbance.imu.shape[1], 2))  # [count, T, 2] each
-        disturbance.imu[..., 2:] = (constant + task.imu_rad_s * gyro)[robots]
-        disturbance.imu[..., :2] = task.imu_rad * tilt[robots]
+        shape = count, *disturbance.imu.shape[1:]
+        disturbance.imu[:] = rng.normal(0, std, shape)[robots]
 
-    return spread.draw(rng.spawn(count), robot), disturb
+    return env.Spread().draw(rng.spawn(count), robot), disturb
 
 
 def highest_speed(poses, fall, period):
@@ -211,7 +209,6 @@ SEARCH = {  # tuned parameters and their ranges, of our robot: from those of [5]
     "trunk_pitch": (-0.1, 0.3),
     "trunk_swing": (0.0, 0.8),
     "trunk_x_offset": (-0.03, 0.03),
-    "pitch_per_step": (-1.0, 1.0),
     "trunk_roll": (-0.02, 0.12),
 }
 SIZES = (10, 28, 7)  # of the search: iterations, candidates, how many are kept
@@ -234,11 +231,11 @@ def score(sim, measured):
     return np.mean(roots) + 2 * measured["steps"] + measured["stood"] - np.mean(off) + feet
 
 
-def tune(sim, seed, robot=OURS, walk=None, limits=None):
-    """A search from `walk` (None: TUNED) on, see `common.cross_entropy`. Returns WalkParameters. [5]
-    used a tree-structured Parzen estimator.
+def tune(world, seed):
+    """A search from the walk of this world on, see `common.cross_entropy`. Returns WalkParameters.
+    [5] used a tree-structured Parzen estimator.
     """
-    start = walk or walk_engine.TUNED[sim]
+    sim, start, robot = world.sim, world.engine.parameters, world.engine.robot
     names = [name for name in SEARCH if sim == "mujoco" or name not in PLANAR_FIXED]
     # Another robot's lengths differ in proportion to its size; times and angles differ less, and the
     # ranges are wide enough for these, too.
@@ -251,7 +248,8 @@ def tune(sim, seed, robot=OURS, walk=None, limits=None):
 
     def costs(iteration, drawn):
         # In one iteration all candidates walk in the same worlds; `main` takes other ones.
-        seen = [measure(sim, changed(x), iteration, robot=robot, limits=limits) for x in drawn]
+        walks = map(changed, drawn)
+        seen = [measure(sim, p, iteration, robot=robot, limits=world.limits) for p in walks]
         scores = np.array([score(sim, measured) for measured in seen])
         print(f"{iteration:3d}  score of the mean {scores[0]:.3f}, best {scores.max():.3f}")
         print(f"{in_words(seen[0])}\n{changed(drawn[0])}", flush=True)
@@ -365,7 +363,8 @@ def main(argv=None):
         robot={"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
     )
     if args.robot or args.tune:
-        print(tune(args.sim, args.seed, **evaluate.load_robot(args.robot) if args.robot else {}))
+        args.friction = None
+        print(tune(evaluate.make_world(args, 1), args.seed))
     elif args.limits:
         common.publish(study, "limits", args)
     else:

@@ -136,13 +136,10 @@ def capture_step(error, over, swings, old, p):
     """Foot by foot."""
     outside = np.abs(error) - p.usual_lean
     e = p.capture * np.sign(error) * np.where(outside > 0, outside, 0)
-    new = np.empty(old.shape)
-    for n, foot in np.ndindex(swings.shape):
+    new = (1 - p.fade) * old
+    for n, foot in np.argwhere(swings):
         back = p.trunk_height * e[n, 0] if over[n] > 0 else 0.0
-        wanted = np.array([back, *e[n]])
-        new[n, foot] = (
-            (old[n, foot] + wanted) / 2 if swings[n, foot] else old[n, foot] * (1 - p.fade)
-        )
+        new[n, foot] = (1 - p.follow) * old[n, foot] + p.follow * np.array([back, *e[n]])
     return new
 
 
@@ -151,7 +148,8 @@ def capture_step(error, over, swings, old, p):
     roll, pitch = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean)).T
     wanted = np.stack([(over > 0) * p.trunk_height * roll, roll, pitch], -1)[:, None, :]
     swinging = swings[:, :, None].astype(float)
-    return swinging * 0.5 * (old + wanted) + (1 - swinging) * (old - p.fade * old)
+    share = p.follow * swinging + p.fade * (1 - swinging)
+    return old + share * (swinging * wanted - old)
 
 
 def waiting_pace(over, p):
@@ -165,32 +163,21 @@ def waiting_pace(over, p):
     return np.select([pace > 1, pace < 0], [1.0, 0.0], pace)
 
 
-def reflex(self, at, angular_velocity):
+def reflex(error, swings, p):
     """By einsum."""
-    robot, gain = self.engine.robot, self.engine.parameters.reflex
-    _, samples = at
-    lean = self.trunk[at][..., 3:5]
-    planned = (lean[:, -1] - lean[:, 0]) / ((samples.shape[1] - 1) * robot.control_dt)
-    turn = np.clip(gain * (angular_velocity - planned), -REFLEX_LIMIT, REFLEX_LIMIT)
-    stands = 1.0 - self.engine.swinging(samples[:, :-1])
-    added = np.zeros((*stands.shape, 6))
-    added[..., [5, 4]] = np.einsum("ntf,na->ntfa", stands, turn)
-    return added.reshape(*stands.shape[:2], 12)
+    turn = np.clip(p.reflex * error, -REFLEX_LIMIT, REFLEX_LIMIT)
+    added = np.zeros((*swings.shape, 6))
+    added[..., [5, 4]] = np.einsum("nf,na->nfa", 1.0 - swings, turn)
+    return added.reshape(len(error), 12)
 
 
-def reflex(self, at, angular_velocity):
+def reflex(error, swings, p):
     """Row by row, in single precision."""
-    rows, samples = at
-    added = np.zeros((len(samples), robot_model.READ_EVERY, 12), np.float32)
-    for k, (row, ticks) in enumerate(zip(rows[:, 0], samples)):
-        lean = self.trunk[row, ticks, 3:5]
-        seconds = robot_model.READ_EVERY * self.engine.robot.control_dt
-        rate = angular_velocity[k] - (lean[-1] - lean[0]) / seconds
-        turn = np.clip(self.engine.parameters.reflex * rate, -REFLEX_LIMIT, REFLEX_LIMIT)
-        for tick, sample in enumerate(ticks[:-1]):
-            leg = 6 if sample < self.engine.parameters.half_ticks else 0  # that stands
-            added[k, tick, [leg + 5, leg + 4]] = turn
-    return added
+    added = np.zeros((len(error), 12), np.float32)
+    for row, rate, own in zip(added, error, swings):
+        for foot in np.flatnonzero(~own):  # that stands
+            row[6 * foot + 5], row[6 * foot + 4] = p.reflex * rate
+    return np.clip(added, -REFLEX_LIMIT, REFLEX_LIMIT)
 
 
 def quintic(start, end, duration):
@@ -249,8 +236,7 @@ def _knot(self, support, start, landing):
         knot[i, 5, 0] = yaw
         way = after - before
         knot[i, [0, 1, 5], 1] = way / self.half
-        ahead = way[0] * np.cos(yaw) + way[1] * np.sin(yaw)
-        knot[i, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
+        knot[i, 4, 0] = p.trunk_pitch
         knot[i, 3, 0] = -p.trunk_roll if side > 0 else p.trunk_roll
     return knot
 
@@ -268,9 +254,8 @@ def _knot(self, support, start, landing):
     knot[:, [0, 1, 5], 0] = compose(centre, offset)
     knot[:, [0, 1, 5], 1] = (after - before) / self.half
     knot[:, 2, 0] = p.trunk_height
-    ahead = robot_model.turned((after - before)[:, :2], -centre[:, 2])[:, 0]
     knot[:, 3, 0] = -p.trunk_roll * np.sign(side)
-    knot[:, 4, 0] = p.trunk_pitch + p.pitch_per_step * ahead
+    knot[:, 4, 0] = p.trunk_pitch
     return knot
 
 

@@ -12,8 +12,6 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
-
 sys.path.append(str(Path(__file__).resolve().parents[3]))  # where the stages are
 robot_model, env, ppo, evaluate = map(
     import_module, ("01_robot_model", "03_env", "04_ppo", "05_evaluate")
@@ -26,12 +24,10 @@ class IdealSim(robot_model.Simulator):
     def place(self, robots):
         pass
 
-    def advance(self, robots, targets, push, trunk):
-        ground = robot_model.GROUND
-        moved = robot_model.relative(trunk[:, :1, ground], trunk[:, 1:, ground])
-        state = np.zeros((*push.shape[:2], 21))
-        state[..., :6], state[..., 6:18] = trunk[:, 1:], targets[:, :, 0]
-        state[..., ground] = robot_model.compose(self.state[robots][:, None, ground], moved)
+    def advance(self, robots, targets, push, move):
+        state, ground = self.state[robots], robot_model.GROUND
+        state[:, ground] = robot_model.compose(state[:, ground], move)
+        state[:, robot_model.ANGLES] = targets[:, 1]
         return state
 
 
@@ -43,7 +39,7 @@ IDEAL = {"sim": "mujoco", "noise": True, "walk": WALK, "drift": (0.001, 0.001, 0
 
 def main():
     print("Ideal robots: they move exactly as planned, so nothing can fall here.")
-    make_envs = partial(env.FootstepVectorEnv, staggered=True, **IDEAL)
+    make_envs = partial(env.FootstepVectorEnv, **IDEAL)
     with tempfile.TemporaryDirectory() as folder:
         model, _ = ppo.train(ppo.PPOConfig(), make_envs, Path(folder), 16_000)
     world = env.FootstepWorld(200, **IDEAL)

@@ -15,14 +15,14 @@ WAY = np.array([[0.9, 0.6, 0.0], [1.8, 0.0, 0.0]])  # intermediate goal, goal: x
 if __name__ == "__main__":
     model = ppo.load_policy(Path("results/mujoco/policy.pt"))[0]
     world, robots = env.FootstepWorld(1, "mujoco", noise=True), np.array([0])
-    world.set_goal(robots, WAY[:1])
+    world.reset(robots, goals=WAY[:1])
     nearest, goals = np.inf, 0
     for _ in range(60):  # double steps
-        view = world.look(robots)
+        view = world.view(robots)
         if goals == 0 and np.hypot(*view.goal[0, :2]) < 0.3:  # near enough, as it believes
             goals = 1
             world.set_goal(robots, WAY[1:])
-            view = world.look(robots)
+            view = world.view(robots)
         result = world.step(model.decide(view.observation), robots)
         nearest = min(nearest, np.hypot(*(world.pose[0, :2] - DISC[:2])) - DISC[2])
         if result["fall"] or goals and result["success"]:

@@ -45,19 +45,19 @@ ROBOT = robot_model.RobotModel(
 )
 # We began with our walk of stage 2, scaled to legs of 0.65 times the length (lengths · 0.65, time ·
 # √0.65), and with lower and narrower steps, because the rotors are heavy for so small a robot. Then
-# walk.py searched with 65 candidates of 64 plans each, in two minutes (half_ticks stayed).
+# walk.py searched twice, each time with 65 candidates of 64 plans, the second time from the first
+# result on, in a few minutes each (half_ticks stayed).
 WALK = walk_engine.WalkParameters(
     half_ticks=26,
-    double_support=0.0421,
-    foot_distance=0.0985,
-    foot_rise=0.0135,
-    trunk_height=0.2399,
-    trunk_phase=-0.1076,
-    trunk_pitch=0.0624,
-    trunk_swing=0.2649,
-    trunk_x_offset=-0.0023,
-    pitch_per_step=-0.4373,
-    trunk_roll=0.0557,
+    double_support=0.0363,
+    foot_distance=0.099,
+    foot_rise=0.014,
+    trunk_height=0.2379,
+    trunk_phase=-0.1101,
+    trunk_pitch=0.0427,
+    trunk_swing=0.2617,
+    trunk_x_offset=-0.0051,
+    trunk_roll=0.0495,
 )
 # Those of stage 3, times 0.65 (the legs' lengths) and 0.8; yaw times 0.8.
 LIMITS = env.StepLimits(low=(-0.062, -0.010, -0.24), high=(0.073, 0.094, 0.40))
