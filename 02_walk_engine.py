@@ -331,12 +331,12 @@ def waiting_pace(over, p):
 
     Up to late_lean the pace is 1. Beyond it the pace falls by `wait` per rad.
 
-    Why does waiting help? Model the robot as the pendulum in the head of this file, and let the
-    sole press c outward of the ankle: ÿ = ω²·(y − c), ω = √(g/h). For the capture point ξ = y + ẏ/ω
-    this is ξ̇ = ω·(ξ − c): its distance from c grows as e^(ωt). The sole's edge is 6 cm outward. If
-    ξ is beyond it, waiting does not help. If not, the mass comes back. Let s be half of
-    foot_distance. The other foot takes over at ξ = −b, b = s·(1 + tanh(ω·P/4)). Until then the mass
-    needs
+    Why does waiting help? Model the robot as the pendulum of `tests/exercises/predict.md`, sway,
+    and let the sole press c outward of the ankle: ÿ = ω²·(y − c), ω = √(g/h), y: how far the mass
+    is outward of the ankle, h: its height. For the capture point ξ = y + ẏ/ω this is
+    ξ̇ = ω·(ξ − c): its distance from c grows as e^(ωt). The sole's edge is 6 cm outward. If ξ is
+    beyond it, waiting does not help. If not, the mass comes back. Let s be half of foot_distance.
+    The other foot takes over at ξ = −b, b = s·(1 + tanh(ω·P/4)). Until then the mass needs
 
         t = ln((c + b) / (c − ξ)) / ω
 
@@ -366,9 +366,8 @@ class WalkPlan:
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
         self.ticks = engine.period_ticks  # T
         self.most_ticks = self.ticks + (p.longest_wait_ticks if p.wait else 0)
-        self.progress = np.zeros(
-            len(robots)
-        )  # [n] ticks of the plan, less than the time if it waits
+        # [n] ticks of the plan that each robot has done: less than the time, if it waits
+        self.progress = np.zeros(len(robots))
 
     def go_on(self, rows, tick, imu):
         """See `Trajectory`."""

@@ -173,17 +173,19 @@ def followed(plan, lean=0.0):
     for tick in range(plan.ticks):
         roll, pitch = plan.trunk[0, tick, 3:5]
         imu = np.array([[roll + lean * (tick < 31), pitch, *rates[tick]]])
-        answers.append(np.hstack(plan.go_on(np.array([0]), tick, imu))[0])
-    return np.split(np.array(answers), [12], 1)
+        answers.append(plan.go_on(np.array([0]), tick, imu))
+    return map(np.concatenate, zip(*answers))
 
 
 @BOTH
 def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law(sim):
     """Also of a robot with another control_dt."""
-    for law in {"capture": 0.0, "wait": 0.0, "reflex": 0.0}, {"capture": 1.0, "wait": 10.0}:
-        engine = make_engine(sim, robot=replace(ROBOT, control_dt=0.02), **law)
+    for most, capture, reflex, wait in (62, 0.0, 0.0, 0.0), (102, 1.0, 0.05, 10.0):
+        robot = replace(ROBOT, control_dt=0.02)
+        engine = make_engine(sim, 1, robot, capture=capture, reflex=reflex, wait=wait)
         for _ in range(2):
             plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0.05, 0]]], [0])
+            assert plan.most_ticks == most, "a double step may wait for longest_wait_ticks"
             joints, moves = followed(plan)
             close(joints, planned(engine, plan)[1:], "a planned lean or rate is no error")
             ground = plan.trunk[0][:, robot_model.GROUND]
@@ -196,7 +198,6 @@ def test_progress_advances_by_the_pace_and_no_joint_target_jumps():
     pace = np.array([1, 1, 0.6, 0.25, 0])
     engine = make_engine("mujoco", 5, capture=0.0, reflex=0.0, wait=10.0, late_lean=0.06)
     plan = engine.plan(np.tile([0.06, 0, 0.1], (5, 2, 1)), np.arange(5))
-    assert plan.most_ticks == 102 and plan.ticks == 62, "it may take longest_wait_ticks more"
     last, steps = np.tile(engine.stance[1], (5, 1)), []
     for tick in range(102):
         rows = np.flatnonzero(plan.progress < 62)
@@ -393,8 +394,8 @@ def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
     assert min(same) >= 2 * walk.half_ticks and max(same) < 4 * walk.half_ticks, hint
     falls, blind_falls = fell.sum(), blind_fell.sum()
     assert falls < blind_falls, f"{falls} fall with the reflex, {blind_falls} without it"
-    with_it, without = (np.median([max(one) for one in robots]) for robots in (tilts, blind))
-    assert with_it < without, f"median of the largest tilts: {with_it:.3f} and {without:.3f} rad"
+    with_it, without = (np.mean([max(one) for one in robots]) for robots in (tilts, blind))
+    assert with_it < without, f"mean of the largest tilts: {with_it:.3f} and {without:.3f} rad"
 
 
 def test_highest_speed_ignores_everything_beyond_the_first_fall():

@@ -1,7 +1,6 @@
 """Stage 5: the baseline's equations, the statistics, the trials, planners, files, command line."""
 
 import argparse
-import concurrent.futures
 import itertools
 import json
 import math
@@ -12,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -682,7 +682,7 @@ class Deadly(ppo.ActorCritic):
 
 @pytest.mark.parametrize("planner, error, place", [
     (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    (evaluate.PolicyPlanner(Deadly(20, 6)), concurrent.futures.BrokenExecutor, ""),
+    pytest.param(evaluate.PolicyPlanner(Deadly(20, 6)), BrokenExecutor, "", marks=pytest.mark.slow),
 ], ids=["raises", "is killed"])  # fmt: skip
 def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place):
     with pytest.raises(error) as caught:

@@ -28,6 +28,7 @@ HARMLESS = {  # so many mistakes that compute the same, or that nobody should as
     "leg_inverse: without minimum": 1,  # a long r: the cosine is clipped, too
     "leg_inverse: left of Pow alone": 1,
     "leg_inverse: right of Pow alone": 1,
+    "reflex: instead of 1": 1,  # of reshape(-1, 12): NumPy takes every negative number so
     "to_action: instead of 1e-09": 1,  # no limits are closer than 0.1, but equal ones
     "_swing: instead of 1": 1,  # the time is at most 1
     "_swing: writes into what is given": 1,  # the engine does not use it any more
