@@ -72,7 +72,7 @@ class WalkParameters:
     trunk_swing: float  # [-] sideways: share of the distance from middle to support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
-    reflex: float = 0.05  # [s] gain at the support ankle, see `WalkPlan`; ours, not tuned
+    reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`; ours, not tuned
     # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
     # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
@@ -100,6 +100,7 @@ TUNED = {
         trunk_swing=0.0,
         trunk_x_offset=-0.001,
         trunk_roll=0.0,
+        reflex=0.02,  # its motors follow at once, so with 0.05 the reflex would brake too hard
     ),
     "mujoco": WalkParameters(
         half_ticks=31,

@@ -468,7 +468,7 @@ def test_the_reflex_brakes_what_a_push_begins(sim):
     feet[..., 1] = 0.09, -0.09
 
     def pushed(reflex):
-        """By how much the robots lean 20 ms after their pushes [rad], and who falls within 3 s."""
+        """By how much the robots lean 40 ms after their pushes [rad], and who falls within 3 s."""
         p = replace(walk_engine.TUNED[sim], reflex=reflex, capture=0.0, wait=0.0)
         engine = walk_engine.WalkEngine(count, p, ROBOT, sim == "pymunk")
         engine.swinging = lambda samples: np.zeros((*samples.shape, 2), bool)  # both feet stand
@@ -477,14 +477,14 @@ def test_the_reflex_brakes_what_a_push_begins(sim):
         disturbance = robot_model.Disturbance.none(plan)
         disturbance.push[:, 10:15] = walk_engine.push_force(ROBOT, 0.6) * np.array(pushes)[:, None]
         motion = run(make_sim(sim, count, standing), plan, disturbance)
-        change = motion.torso[:, 16, 3:5] - motion.torso[:, 9, 3:5]
+        change = motion.torso[:, 18, 3:5] - motion.torso[:, 9, 3:5]
         return np.abs(change).max(1), motion.fell
 
-    lean, fell = pushed(0.05)
+    lean, fell = pushed(walk_engine.TUNED[sim].reflex)
     without, _ = pushed(0.0)
-    most = 0.98 if sim == "pymunk" else 0.92
+    most = 0.97 if sim == "pymunk" else 0.95  # the planar gain is smaller
     assert (lean < most * without).all(), (
-        f"pushed along {pushes}: 20 ms later they lean by {lean.round(3)} rad, without the reflex by "
+        f"pushed along {pushes}: 40 ms later they lean by {lean.round(3)} rad, without the reflex by "
         f"{without.round(3)}: the toes press where the robot turns to; is a sign wrong?"
     )
     assert not fell.any(), f"pushed along {pushes}, {fell} fall: the reflex keeps them up"
