@@ -408,6 +408,7 @@ class FootstepWorld:
     def set_goal(self, robots, goals):
         """Sets other goals [n, 3], x, y [m], yaw [rad] in the world, and measures them once."""
         self.goal[robots] = goals
+        self.estimate[robots] = 0
         self.covariance[robots] = 1e8 * np.eye(3)  # nearly nothing is known of them
         self.in_a_row[robots] = 0
         self.measure(robots)

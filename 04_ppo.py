@@ -320,7 +320,7 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
     """
     obs, _ = envs.reset(seed=seed)
     for update in range(first, updates):
-        rate = cfg.learning_rate * (1.0 - update / updates)  # falls linearly to 0
+        rate = float(cfg.learning_rate * (1.0 - update / updates))  # falls linearly to 0
         optimizer.param_groups[0]["lr"] = rate
         data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
         numbers = improve(model, optimizer, data, cfg)  # (2), (3)
@@ -450,7 +450,7 @@ def fingerprint(world):
 def save_policy(path, model, **about):
     """Writes the model as it is now, and `about` (plain values, tensors). The name of the weights
     says what the actor's outputs mean: a file in which they mean something else is refused."""
-    stored = {**about, **model.shape, "mode_and_concentration": model.state_dict()}
+    stored = {**about, **plain(model.shape), "mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
@@ -503,15 +503,10 @@ def plot_learning_curve(rows, path, title):
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add(
-        "--noise",
-        action=argparse.BooleanOptionalAction,
-        default=True,
-        help="Measure the goal with noise, or exactly.",
-    )
+    add("--noise", action=argparse.BooleanOptionalAction, default=True)
     add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
-    add("--quick", action="store_true", help=f"Train for {QUICK_STEPS:,} double steps.")
-    add("--resume", action="store_true", help="Continue a training that was stopped.")
+    add("--quick", action="store_true")
+    add("--resume", action="store_true")
     args = parser.parse_args(argv)
     steps = (QUICK_STEPS if args.quick else STEPS) if args.steps is None else args.steps
     if steps < 1:

@@ -456,14 +456,14 @@ def evaluate_all(args, blocks, planners):
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
         pool = ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"))
         for row, job in reversed(jobs.items()):  # the baseline takes longest
-            if isinstance(job[1], (PolicyPlanner, BaselinePlanner)):
+            if type(job[1]) in (PolicyPlanner, BaselinePlanner):
                 futures[row] = pool.submit(walk_row, *job)
         signal.signal(signal.SIGINT, before)
     try:
-        bar = tqdm(jobs.items(), leave=False)
-        return {
-            row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
-        }
+        with tqdm(jobs.items(), leave=False) as bar:  # it ends before Ctrl-C says its line
+            return {
+                row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
+            }
     finally:
         for process in multiprocessing.active_children():  # none has work left, or all must stop
             process.kill()
@@ -681,13 +681,13 @@ def arguments(argv):
     """The flags of the command line. Those without a help are told in the head of this file."""
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    files = {"type": Path, "nargs": "+", "default": [], "metavar": "FILE"}
+    files = {"type": Path, "nargs": "+", "default": []}
     add("--noise", action="store_true")
     add("--far", action="store_true")
     add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
     add("--friction", type=float)
     add("--push", type=float)
-    add("--policy", **files, help="Evaluate these files of 04_ppo.py.")
+    add("--policy", **files)
     add("--planner", **files)
     add("--robot", type=Path)
     add("--play", action="store_true")
@@ -698,10 +698,10 @@ def arguments(argv):
     )
     args = parser.parse_args(argv)
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
-        several = args.sim == "pymunk" and __name__ == "__main__"
-        args.jobs = robot_model.CORES if several else 1
-    rates = args.push or 0, args.friction or 0
-    if min(args.episodes, args.jobs) < 1 or not all(0 <= x < 1e3 for x in rates):
+        script = __name__ == "__main__" and "__file__" in globals()
+        args.jobs = robot_model.CORES if script and args.sim == "pymunk" else 1
+    sizes_fit = all(0 <= size < 1e3 for size in (args.push or 0, args.friction or 0))
+    if min(args.episodes, args.jobs) < 1 or not sizes_fit:
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
     args.policy = args.policy or [own if own.is_file() else shipped]
