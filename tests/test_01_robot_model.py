@@ -482,8 +482,7 @@ def test_the_reflex_brakes_what_a_push_begins(sim):
 
     lean, fell = pushed(walk_engine.TUNED[sim].reflex)
     without, _ = pushed(0.0)
-    most = 0.97 if sim == "pymunk" else 0.95  # the planar gain is smaller
-    assert (lean < most * without).all(), (
+    assert (lean < 0.95 * without).all(), (
         f"pushed along {pushes}: 40 ms later they lean by {lean.round(3)} rad, without the reflex by "
         f"{without.round(3)}: the toes press where the robot turns to; is a sign wrong?"
     )

@@ -402,12 +402,10 @@ def readme_result(rows):
     told = [
         f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (in brackets: 95 % "
         f"intervals). To far goals it is sooner in {share(of_far['faster'])} of the walks, and later in "
-        f"{share(of_far['slower'])}. {said('seeds')['trainings']} In 2-D, to near goals, it saves {plane}{shown}.",
-        f"With every planner at least {share(arrived, 1)} of the walks succeed. {said('seeds')['pooled']} "
-        f"{said('kicks')['hard']}",
+        f"{share(of_far['slower'])}. In 2-D, to near goals, it saves {plane}{shown}.",
+        f"With every planner at least {share(arrived, 1)} of the walks succeed.",
     ]
-    old = before("seeds", "kicks")
-    return f"{table(lines, digits)}\n{bullets(told)}\n{old}"
+    return f"{table(lines, digits)}\n{bullets(told)}"
 
 
 def readme_see(rows):
@@ -437,13 +435,9 @@ def saved(sim, far):
 
 def readme_findings():
     """README's list of what we found: of few numbers a sentence."""
-    kicks, elsewhere = map(said, ("kicks", "transfer"))
-    return bullets(
-        [
-            f"*Steps that answer a push prevent most falls.* {kicks['pushed']}",
-            f"*Elsewhere.* {elsewhere['models']} {elsewhere['engines']}",
-        ]
-    )
+    kicks = said("kicks")
+    told = f"*Steps that answer a push prevent most falls.* {kicks['pushed']} {kicks['hard']}"
+    return f"{paragraphs(told)}\n{before('kicks')}"
 
 
 def pasted(text, mark, part):
@@ -465,10 +459,7 @@ def read_trials(path):
 def before(*names):
     """Returns a sentence that says which of these studies are in BEFORE, or nothing."""
     old = sorted({name for studies in BEFORE.values() for name in studies} & {*names})
-    told = (
-        "*The studies {} were made with the robot before its last change, and with its policy. They are being "
-        "repeated with the robot of today.*\n"
-    )
+    told = "*The numbers of {} are of the robot before its last change, and of its policy. They are being measured again.*"
     return filled(told.format(", ".join(old))) + "\n" if old else ""
 
 
