@@ -647,8 +647,9 @@ def walked(planners, jobs):
 
 def nobody_is_left():
     """Whether all other processes have ended, or do so within seconds."""
-    for process in multiprocessing.active_children():
-        process.join(5)
+    end = time.monotonic() + 10
+    while multiprocessing.active_children() and time.monotonic() < end:
+        time.sleep(0.05)  # no join: the pool's own thread may be the one that has waited
     return not multiprocessing.active_children()
 
 
