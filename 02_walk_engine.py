@@ -12,7 +12,7 @@ they are off.
 
 Prints, for four walks of eight double steps, where the robot was commanded to end and where it
 ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
-1.2 cm of the command, after 1.24 m. The 3-D robot misses it by up to 0.08 m and 0.14 rad, and a
+1.3 cm of the command, after 1.24 m. The 3-D robot misses it by up to 0.08 m and 0.14 rad, and a
 planner has to correct this. Its motors are springs, which give way under the load: in 02_plan.png
 the swing foot rises less than planned. There the robot has drifted to the left of its plan. (A
 symmetric robot can drift, because its left foot always swings first. With a `stiffness` of 3000
