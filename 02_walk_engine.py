@@ -100,7 +100,7 @@ TUNED = {
         trunk_swing=0.0,
         trunk_x_offset=-0.001,
         trunk_roll=0.0,
-        reflex=0.03,  # these motors follow at once: 0.05 brakes too late, and too hard
+        reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
     ),
     "mujoco": WalkParameters(
         half_ticks=31,

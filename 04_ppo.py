@@ -56,8 +56,8 @@ the next episode must not be used. Where a rollout ends within an episode, this 
 of the observation that follows.
 
 In learning_curve.png successes should rise, time-outs and times of successes should fall. (Only
-short walks end before update 11, in which the first episodes run out of time together. So the
-first times are too low, and the first shares are those of few walks.) Falls are rare from the start, as
+short walks end before update 11, in which the first episodes run out of time together. So the first
+times are too low, and the first shares are those of few walks.) Falls are rare from the start, as
 the most likely action of the first policy is to step on the spot. The entropy, which says how
 random the policy is (in nats: with natural logarithms), falls: the policy learns to be narrow. The
 clip fraction (of samples outside of 1 ± ε) and the KL (Kullback-Leibler divergence) say how much a

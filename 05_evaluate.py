@@ -465,7 +465,8 @@ def evaluate_all(args, blocks, planners):
                 row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
             }
     finally:
-        for process in multiprocessing.active_children():  # none has work left, or all must stop
+        # None of the helpers has work left, or all must stop.
+        for process in futures and multiprocessing.active_children():
             process.kill()
 
 
@@ -700,8 +701,9 @@ def arguments(argv):
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         script = __name__ == "__main__" and "__file__" in globals()
         args.jobs = robot_model.CORES if script and args.sim == "pymunk" else 1
-    sizes_fit = all(0 <= size < 1e3 for size in (args.push or 0, args.friction or 0))
-    if min(args.episodes, args.jobs) < 1 or not sizes_fit:
+    if min(args.episodes, args.jobs) < 1 or not all(
+        0 <= size < 1e3 for size in (args.push or 0, args.friction or 0)
+    ):
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
     args.policy = args.policy or [own if own.is_file() else shipped]
