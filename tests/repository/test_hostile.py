@@ -88,9 +88,8 @@ def test_an_import_changes_nothing_in_its_surroundings():
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("surrounding", [
-    "notebook", *(pytest.param(name, marks=pytest.mark.slow) for name in ("debugger", "profiler", "thread")),
-])  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("surrounding", ["notebook", "debugger", "profiler", "thread"])
 def test_stage_5_walks_in_any_surrounding(surrounding, tmp_path, monkeypatch, capfd):
     """Where no other process can help."""
     policy = ROOT / "results" / "pymunk" / "policy.pt"

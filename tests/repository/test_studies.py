@@ -107,6 +107,7 @@ def test_walks_are_those_of_stage_05_set_by_set():
         equal(both[name][3:], second[name], name)
 
 
+@pytest.mark.slow
 def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, monkeypatch):
     """As if a goal were reached after three double steps. The robot is not drawn: it takes long."""
     goals, pushed, double_step = [], [], evaluate.double_step
