@@ -1,23 +1,23 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
 Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
-II-a, a simulated biped with position-controlled joints. The robot is [6]. (Sections and references
-have the paper's numbers. `tests/exercises/ledger.md` lists what the paper says.)
+II-a, a simulated biped with position-controlled joints. The robot is [6]. Sections and references
+have the paper's numbers. (`tests/exercises/ledger.md` compares this repository with the paper.)
 
-    python 01_robot_model.py             pymunk: sagittal plane + yaw
-    python 01_robot_model.py --mujoco    MuJoCo: full 3-D
+    python 01_robot_model.py             2-D (pymunk): sagittal plane + yaw
+    python 01_robot_model.py --mujoco    3-D (MuJoCo)
 
-The planar robot has six joints, and real contact: in the sagittal plane (forward and up) it stands,
-slips and falls as the physics says. Sideways it moves as commanded, and it turns as commanded.
+The planar robot, in 2-D, has six joints and real contact: in the sagittal plane (forward and up) it
+stands, slips and falls as the physics says. Sideways it moves as commanded, and it turns as
+commanded. In 3-D the robot has twelve joints, and all of its motion is simulated.
 
 101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
-own, between 0.25 and 0.35 rad. This takes eight simulated seconds, slow at the beginning and the
-end. Then the robot waits for three seconds. `runs/<sim>/01_robot.png` shows the robot that fell at
-the smallest lean. The program takes 4 seconds. Nothing in it is random: `--seed` changes nothing.
-Predict this smallest lean: `tests/exercises/predict.md`, lean, has what you need, and the answer.
+own, between 0.25 and 0.35 rad, within eight simulated seconds. Then it waits for three seconds.
+`runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. This takes 4 seconds, and
+nothing is random. Predict this lean: `tests/exercises/predict.md`, *lean*, also has the answer.
 
-How to read this file: read down to the line of equals signs, "the end of a first reading". Below it
-are the control loop, two kinds of physics, the drawing, and the command line and files.
+Read down to the line of equals signs, "the end of a first reading". Below it are the control loop,
+two kinds of physics, the drawing, and the command line and files.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -35,8 +35,6 @@ are the control loop, two kinds of physics, the drawing, and the command line an
         |  __|___      ankle_height               __|_     _|__
         +--------- x                         y ---------+
       heel ^    ^ toe                          foot_width, foot_outward
-      foot_back, foot_front: sole behind and ahead of the ankle axis
-      hip_y: from the middle to one hip
 
     joint of a leg   axis   a positive angle
     hip yaw           z     turns the toes to the left
@@ -47,17 +45,15 @@ are the control loop, two kinds of physics, the drawing, and the command line an
     ankle roll        x     lifts the left edge of the sole
 
 Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule (the thumb
-along the axis); a positive pitch turns z towards x, so the torso leans forward. The twelve joints
-are those of the left leg, then those of the right leg, each in the order of the table. The sagittal
-plane is the plane of x and z. Trunk and torso mean the same part of the robot: the trunk is where
-this part is commanded to be, the torso is where it truly is. The support foot stays on the floor
-while the swing foot moves. The sole is the rectangle under a foot. Letters in the shapes of arrays:
-N all robots; n or k some of them, given by their indices; K moments; T control ticks. A tick takes
-0.01 s, and gives each motor a new target.
+along the axis). A positive pitch turns z towards x, so the torso leans forward. The twelve joints
+are those of the left leg, then those of the right leg, each in the order of the table. Trunk and
+torso mean the same part of the robot: the trunk is where it is commanded to be, the torso is where
+it truly is. A control tick takes 0.01 s, and gives each motor a new target. Letters in the shapes
+of arrays: N all robots; n or k some of them; K moments; T ticks. `robots` are indices of robots.
 
 The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
-torso's tilt and turning rates. (It measures the goal in stage 3.) Left out: all other sensors, arms
-and head (their mass is in the torso), gear play. Only the soles can touch anything.
+torso's tilt and turning rates. Left out: all other sensors, arms and head (their mass is in the
+torso), gear play. Only the soles can touch anything.
 
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
     Competitions.
@@ -84,7 +80,7 @@ from matplotlib.figure import Figure
 
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
-JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")
+JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")  # of a leg
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 # Columns of a robot's state, see `Simulator`. The first three also name columns of a torso's pose.
 GROUND, HEIGHT, TILT = [0, 1, 5], 2, [3, 4]  # x, y, yaw on the floor; z; roll, pitch
@@ -94,7 +90,7 @@ TORSO, ANGLES, TILT_RATES, YAW_RATE = slice(6), np.arange(6, 18), [18, 19], 20
 @dataclass(frozen=True)
 class Link:
     """A rigid body. `com` is seen from the joint above (torso: from its frame). The y of a leg's
-    link points outward: to the left on the left side, to the right on the right side."""
+    link points outward, away from the other leg."""
 
     mass: float  # [kg]
     com: tuple  # [m] centre of mass (x, y, z)
@@ -126,8 +122,9 @@ class RobotModel:
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] see `damping`
-    joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)  # [rad] the knee's are rounded
-    joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)  # [rad]
+    # [rad] The knee's are rounded. For both rolls it is the range that both legs have.
+    joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
+    joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)
     # [N m s/rad] back-EMF: a turning motor is a generator, too, and brakes itself. At the speed
     # limit 10 − 1.23·5.76 − 2.55 = 0.37 N m remain for the load (knee: 0.11 N m).
     damping: tuple = (1.23, 1.23, 1.23, 2.92, 1.23, 1.23)
@@ -141,41 +138,12 @@ class RobotModel:
     stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of the solver: joints open by less than 1.3 mm; our choice
+    planar_iterations: int = 20  # [-] of the solver: joints open by less than 2 mm; our choice
 
     @property
     def hips(self):
         """Both hips in the torso's frame, [2, 3] [m]."""
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
-
-
-@dataclass
-class Body:
-    """How n robots differ from the model. Stage 3 chooses the values at random (domain
-    randomization), and no planner sees them."""
-
-    friction: np.ndarray  # [n] μ of the floor
-    mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
-    stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
-    stiction: np.ndarray  # [n, 12] factors on the dry friction of the motors
-    delay: np.ndarray  # [n] from target to motor, see `Simulator.run`; 0: none, 1: a tick
-    zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
-    com: np.ndarray  # [n, 3] [m] how far the torso's centre of mass is from that of the model
-    gyro: np.ndarray  # [n, 2] [rad/s] constant error of the measured rates of roll and pitch
-
-    @classmethod
-    def as_model(cls, robot, n):
-        """The Body of n robots that do not differ from the model."""
-        return cls(
-            np.full(n, robot.friction),
-            np.ones((n, 9)),
-            np.ones((n, 12)),
-            np.ones((n, 12)),
-            np.zeros(n),
-            np.zeros((n, 12)),
-            np.zeros((n, 3)),
-            np.zeros((n, 2)),
-        )
 
 
 class Trajectory:
@@ -185,38 +153,23 @@ class Trajectory:
     def __init__(self, joints):
         self.joints = joints  # [n, T + 1, 12] [rad] sample t: after t ticks; sample 0: the stance
         self.ticks = joints.shape[1] - 1  # T
-        self.most_ticks = self.ticks  # a plan that waits, see stage 2, may take more
+        self.most_ticks = self.ticks  # a plan that can wait, see stage 2, may take more
         self.progress = np.zeros(len(joints))  # [n] ticks of the plan that each robot has done
 
     def go_on(self, rows, tick, imu):
-        """Goes on by a tick, for these rows [k] of the plan's robots. `tick` have passed so far.
+        """Goes on by a tick, for these rows [k] of the plan's robots. `tick` is how many ticks have
+        passed; imu [k, 4] is what `Simulator.imu` measures now.
 
-        imu [k, 4]: what `Simulator.imu` measures now. Returns where the joints should be at the end
-        of the tick, [k, 12] [rad], and how the trunk should move on the floor in it, [k, 3]: x, y
-        [m], yaw [rad] as seen from where it was.
-        """
+        Returns where the joints should be at the end of the tick, [k, 12] [rad], and how the trunk
+        should move on the floor in it, [k, 3]: x, y [m], yaw [rad] as seen from where it was."""
         self.progress[rows] += 1
         return self.joints[rows, tick + 1], np.zeros((len(rows), 3))
 
 
 @dataclass
-class Disturbance:
-    """Pushes, and errors of the IMU, that n robots meet in T control ticks. No plan knows them."""
-
-    push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; planar: x ahead of the torso
-    imu: np.ndarray  # [n, T, 4] measured − true roll, pitch [rad], and their rates [rad/s]
-
-    @classmethod
-    def none(cls, plan):
-        """No push and an exact IMU, as long as this plan may last."""
-        shape = len(plan.progress), plan.most_ticks
-        return cls(np.zeros((*shape, 2)), np.zeros((*shape, 4)))
-
-
-@dataclass
 class Motion:
-    """The simulated motion of n robots, at the end of each of T control ticks. If a robot needed
-    fewer ticks than another one, its last state is repeated."""
+    """The simulated motion of n robots, at the end of each of T control ticks. Where a robot needed
+    fewer ticks, its last state is repeated."""
 
     torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [n, T, 12] true angles [rad]; 0 for those that the planar robot lacks
@@ -251,7 +204,7 @@ def relative(base, pose):
     return np.concatenate([position, away[..., 2:]], -1)
 
 
-# ------------------------------------------------------------------------ leg kinematics
+# ------------------------------------------------------------------------ kinematics
 def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays of one shape [...] in, [..., 3, 3] out."""
     angles = np.array(np.broadcast_arrays(roll, pitch, yaw))  # [3, ...]
@@ -265,14 +218,18 @@ def rotation(roll, pitch, yaw):
     return np.stack(rows, -1).reshape(*cr.shape, 3, 3)
 
 
+def apply(matrix, vector):
+    """The product of matrices [..., 3, 3] and vectors [..., 3]."""
+    return (matrix @ vector[..., None])[..., 0]
+
+
 def body_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
 
     torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns the origins [..., 9, 3] of
     their frames (the torso's; else the joint above the link: hip, hip pitch, knee, ankle) and their
     rotations [..., 9, 3, 3]. For a foot seen from the torso this is
-    Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll).
-    """
+    Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)."""
     shape = joints.shape[:-1]
     legs = np.moveaxis(joints.reshape(*shape, 2, 6), -1, 0)
     yaw, roll, pitch, knee, ankle_pitch, ankle_roll = legs  # [..., 2] each
@@ -284,12 +241,13 @@ def body_frames(robot, torso, joints):
     thigh = robot.hip_x * hip_turn[..., 0]  # from the hip [..., 2, 3]; [..., 0]: first column, x
     shin = thigh - robot.thigh_length * thigh_turn[..., 2]  # a leg hangs along −z
     foot = shin - robot.shin_length * shin_turn[..., 2]
-    points = np.stack([0 * thigh, thigh, shin, foot], -2) + robot.hips[:, None]  # [..., 2, 4, 3]
+    hip = np.zeros_like(thigh)
+    points = np.stack([hip, thigh, shin, foot], -2) + robot.hips[:, None]  # [..., 2, 4, 3]
     turns = np.stack([hip_turn, thigh_turn, shin_turn, foot_turn], -3)
-    # In the world: p ← R·p + torso (a row p times Rᵀ is the row of R·p), rotation ← R·rotation
+    # In the world: p ← R·p + torso, rotation ← R·rotation
     R = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
     origin = torso[..., None, :3]
-    points = (points @ R.swapaxes(-1, -2)).reshape(*shape, 8, 3) + origin
+    points = apply(R, points.reshape(*shape, 8, 3)) + origin
     turns = R @ turns.reshape(*shape, 8, 3, 3)
     return np.concatenate([origin, points], -2), np.concatenate([R, turns], -3)
 
@@ -302,11 +260,11 @@ def leg_inverse(robot, position, foot_turn):
     clipped to the joint limits. The function is meant for feet below their hips that tilt by
     less than about a radian. For other feet it may return angles that do not make their pose.
 
-         o hip pitch    Let r run from the ankle to the axis of hip pitch. Thigh, shin and r form a
-          \              triangle, in the plane in which the leg bends. Hip pitch, knee and ankle
-           o knee        pitch turn about the normal of this plane, so they cannot move r out of
-          /              it. The hip, where the axes of yaw and roll cross, is hip_x behind the
-         o__ ankle       axis of hip pitch, in this plane, too.
+    hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
+           :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
+           : o knee      ankle pitch turn about the normal of this plane, so they cannot move r out
+           :/            of it. The hip (+), where the axes of yaw and roll cross, is hip_x behind
+           o__ ankle     the axis of hip pitch, in this plane, too.
 
     1. Only the ankle's roll tilts this plane against the foot. So undo it first: it is the angle
        that brings the hip, seen in the foot's frame, into the plane of x and z.
@@ -317,8 +275,8 @@ def leg_inverse(robot, position, foot_turn):
     """
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: Rᵀ·(−p).
-    # (A row times R is the row of Rᵀ·column, as (Rᵀ·v)ᵀ = vᵀ·R.)
-    hip = (-position[..., None, :] @ foot_turn)[..., 0, :]  # [..., 3]
+    # (.mT: the transposes of the last two axes)
+    hip = apply(foot_turn.mT, -position)  # [..., 3]
     # Before the ankle rolls, the hip is at (x, 0, h). When the foot turns by +roll, the hip turns
     # by −roll as seen from it: Rx(−roll)·(x, 0, h) = (x, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(hip[..., 1], hip[..., 2])
@@ -357,19 +315,18 @@ def body_inverse(robot, trunk, feet, planar=False):
     """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
 
     trunk [..., 6]: x, y, z, roll, pitch, yaw (or [..., 2, 6]: another one for each leg); feet
-    [..., 2, 4]: x, y, z of the point of the sole below the ankle, yaw.
-    """
+    [..., 2, 4]: x, y, z of the point of the sole below the ankle, yaw."""
     if trunk.ndim < feet.ndim:
         trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
     base = rotation(*np.moveaxis(trunk[..., 3:], -1, 0))  # R, [..., 1 or 2, 3, 3]
     # Seen from the trunk:  p ← Rᵀ·(p − trunk),  foot's rotation ← Rᵀ·Rz(yaw)
     ankle = feet[..., :3] - trunk[..., :3] + [0, 0, robot.ankle_height]  # [..., 2, 3]
-    ankle = (ankle[..., None, :] @ base)[..., 0, :]
+    ankle = apply(base.mT, ankle)
     yaw = feet[..., 3]
     if planar:
         ankle[..., 1] = robot.hips[:, 1]
-        yaw = trunk[..., 5] + 0 * yaw  # of both feet
-    foot_turn = base.swapaxes(-1, -2) @ rotation(0, 0, yaw)
+        yaw = np.broadcast_to(trunk[..., 5], yaw.shape)  # of both feet
+    foot_turn = base.mT @ rotation(0, 0, yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
@@ -378,8 +335,7 @@ def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_o
     """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
 
     The trunk is `x_offset` ahead of the feet. (The default values, in [m] and [rad], are a first
-    guess for this stage; stage 2 passes its own.)
-    """
+    guess for this stage; stage 2 passes its own.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
@@ -398,7 +354,7 @@ def centre_of_mass(robot, torso, joints):
     links = robot.torso, *(robot.hip, robot.thigh, robot.shin, robot.foot) * 2
     coms = np.array([link.com for link in links])
     coms[5:, 1] *= -1  # outward: on the right side to the right
-    centres = points + (turns @ coms[..., None])[..., 0]  # [K, 9, 3]
+    centres = points + apply(turns, coms)  # [K, 9, 3]
     return np.average(centres, 1, [link.mass for link in links])
 
 
@@ -416,6 +372,7 @@ def main():
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
     print(len(leans), "robots lean forward: some seconds")
+    # (Names that are defined below this function are looked up when it runs.)
     sim = SIMULATORS[args.sim](len(leans), standing, robot)
     sim.reset(np.arange(len(leans)))
     motion = sim.run(np.arange(len(leans)), Trajectory(joints))
@@ -444,6 +401,49 @@ def main():
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the control loop
+@dataclass
+class Body:
+    """How n robots differ from the model. Stage 3 chooses the values at random (domain
+    randomization), and no planner sees them."""
+
+    friction: np.ndarray  # [n] μ of the floor
+    mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
+    stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
+    stiction: np.ndarray  # [n, 12] factors on the dry friction of the motors
+    delay: np.ndarray  # [n] from target to motor, see `Simulator.run`; 0: none, 1: a tick
+    zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
+    com: np.ndarray  # [n, 3] [m] how far the torso's centre of mass is from that of the model
+    gyro: np.ndarray  # [n, 2] [rad/s] constant error of the measured rates of roll and pitch
+
+    @classmethod
+    def as_model(cls, robot, n):
+        """The Body of n robots that do not differ from the model."""
+        return cls(
+            np.full(n, robot.friction),
+            np.ones((n, 9)),
+            np.ones((n, 12)),
+            np.ones((n, 12)),
+            np.zeros(n),
+            np.zeros((n, 12)),
+            np.zeros((n, 3)),
+            np.zeros((n, 2)),
+        )
+
+
+@dataclass
+class Disturbance:
+    """Pushes, and errors of the IMU, that n robots meet in T control ticks. No plan knows them."""
+
+    push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; planar: x ahead of the torso
+    imu: np.ndarray  # [n, T, 4] measured − true roll, pitch [rad], and their rates [rad/s]
+
+    @classmethod
+    def none(cls, plan):
+        """No push and an exact IMU, for all T = most_ticks that this plan may last."""
+        shape = len(plan.progress), plan.most_ticks
+        return cls(np.zeros((*shape, 2)), np.zeros((*shape, 4)))
+
+
 class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
@@ -458,8 +458,7 @@ class Simulator:
     see `Trajectory`. SIMULATORS names the classes.
 
     A state holds the torso's x, y, z [m], roll, pitch, yaw [rad], the twelve joints [rad], and the
-    rates of roll, pitch and yaw [rad/s].
-    """
+    rates of roll, pitch and yaw [rad/s]."""
 
     planar = False  # do the robots live in the sagittal plane?
 
@@ -473,7 +472,7 @@ class Simulator:
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin, with this Body; None: that of the model."""
         body = body or Body.as_model(self.robot, len(robots))
-        for name, values in vars(body).items():
+        for name, values in vars(body).items():  # field by field
             getattr(self.body, name)[robots] = values
         torso, joints = self.standing
         self.state[robots] = np.concatenate([torso, joints, np.zeros(3)])
@@ -482,8 +481,8 @@ class Simulator:
 
     def imu(self, robots):
         """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
-        [n, 4]. (A gyro measures the rates about the torso's own axes. While the robot is upright
-        these are nearly the same.)"""
+        [n, 4]. (A real gyro measures rates about the torso's own axes. Upright these are nearly the
+        same.)"""
         imu = self.state[robots][:, TILT + TILT_RATES]
         imu[:, 2:] += self.body.gyro[robots]
         return imu
@@ -494,22 +493,22 @@ class Simulator:
 
         What is sent to the motors may be late: target + delay·(target of the tick before − target).
         With a delay of 1 the whole target is a tick late. One between 0 and 1 is a mixture, and no
-        true delay.
-        """
+        true delay."""
         robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
         states, ticks, fell = [], np.zeros(len(robots), int), np.zeros(len(robots), bool)
         while len(rows := np.flatnonzero(plan.progress < plan.ticks)):  # [k] whose plan goes on
-            on, tick = robots[rows], len(states)
-            imu = self.imu(on) + disturbance.imu[rows, tick]
+            walking, tick = robots[rows], len(states)
+            imu = self.imu(walking) + disturbance.imu[rows, tick]
             target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
-            sent = target + self.body.delay[on, None] * (self.chosen[on] - target)
-            targets = np.stack([self.sent[on], sent], 1) + self.body.zero[on, None]  # [k, 2, 12]
-            self.chosen[on], self.sent[on] = target, sent
-            state = self.advance(on, targets, disturbance.push[rows, tick], move)
-            fine = (np.abs(state) < 1e6).all(1)  # else the physics diverged: this is a fall, too
-            fell[rows] |= ~fine
-            self.state[on[fine]] = state[fine]
+            sent = target + self.body.delay[walking, None] * (self.chosen[walking] - target)
+            # At the beginning and at the end of the tick  [k, 2, 12]
+            targets = np.stack([self.sent[walking], sent], 1) + self.body.zero[walking, None]
+            self.chosen[walking], self.sent[walking] = target, sent
+            state = self.advance(walking, targets, disturbance.push[rows, tick], move)
+            finite = (np.abs(state) < 1e6).all(1)  # else the physics diverged: a fall, too
+            fell[rows] |= ~finite
+            self.state[walking[finite]] = state[finite]
             ticks[rows] += 1
             states.append(self.state[robots])
         states = np.stack(states, 1)  # [n, T, 21]
@@ -529,9 +528,8 @@ def inertial(link, side=1):
 def leg_xml(robot, leg, side):
     """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
 
-    Every body has its mass and its joints to the body around it. The foot also has its sole, a box:
-    pos is its centre seen from the ankle, size is half of each side [m].
-    """
+    Every body has its mass and its joints to the body around it. The sole is a box: pos is its
+    centre seen from the ankle, size is half of each side [m]."""
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
     def joint(k):
@@ -567,9 +565,8 @@ def mujoco_xml(robot):
 
         τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇
 
-    At the speed limit dry friction takes nearly all the rest of it. (<position> makes the first
-    term, the joint's damping is the second one.) A joint that the floor drives backward is braked
-    harder than the limit, as by a real motor.
+    <position> makes the first term, the joint's damping is the second one. At the speed limit dry
+    friction takes nearly all the rest.
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
@@ -579,9 +576,7 @@ def mujoco_xml(robot):
         Each moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll
         turn about the same axis, and the physics may diverge. The robot has fallen long before.)
     contype 0: only the listed pairs of shapes can touch.
-    condim 3: a contact has one normal force and two friction forces, each with its μ. (The other
-        three numbers of `friction` are for turning and rolling: condim 4 and 6.)
-    """
+    condim 3: a contact has one normal force and two friction forces, each with its μ."""
     motors = ""
     for leg in ("left", "right"):
         for name, limit in zip(JOINTS, robot.torque_limit):
@@ -632,11 +627,11 @@ class MujocoSim(Simulator):
         dry friction   stiction / (stiffness · rate)     8.5 ms late   (knee 5.0)
         target         of the tick's end, from its
                        beginning on                      5.0 ms early, on average
-        physics        computes a force at the
-                       beginning of a physics step       2.5 ms early, on average
+        physics        computes the force of a physics
+                       step at its beginning, from an
+                       error that is 2.5 ms too old      2.5 ms early, on average
 
-    The sum is 5.1 ms (knee 7.2). Measured are 5.2 to 5.5 ms (knee 7.4).
-    """
+    The sum is 5.1 ms (knee 7.2). Measured are 5.2 to 5.5 ms (knee 7.4)."""
 
     # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
@@ -698,16 +693,17 @@ def planar_links(robot):
     torso, hip = robot.torso, robot.hip
     mass = torso.mass + 2 * hip.mass
     share = 2 * hip.mass / mass
-    away = np.add(hip.com, (0, 0, robot.hip_z)) - torso.com  # [3] from the torso's to the hips' [m]
-    # Parallel axes: I = I₁ + I₂ + m₁·m₂ / (m₁ + m₂)·d²
+    # From the torso's centre of mass to the one of the hips  [3] [m]
+    away = np.add(hip.com, (0, 0, robot.hip_z)) - torso.com
+    # Parallel axes: I = Σ (Iᵢ + mᵢ·dᵢ²) about the common centre of mass. For two masses at the
+    # distance d the second terms are m₁·m₂ / (m₁ + m₂)·d².
     pitch = torso.inertia[1] + 2 * hip.inertia[1] + share * torso.mass * (away[::2] ** 2).sum()
-    merged = Link(mass, torso.com + share * away, (0, pitch, 0))  # only this one is used
+    merged = Link(mass, torso.com + share * away, (0, pitch, 0))  # only the pitch's is used
     return merged, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
 class PymunkSim(Simulator):
-    """N planar robots: pymunk simulates the sagittal plane. In it the robots stand, slip, and fall.
-    Sideways they move as commanded, and they turn as commanded.
+    """N planar robots: pymunk simulates the sagittal plane.
 
     pymunk's y is our z, and its angles turn x towards y, against our pitch:
 
@@ -715,11 +711,10 @@ class PymunkSim(Simulator):
         joint angle q              = pitch − parent's pitch = parent's angle − angle
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Three simplifications: a motor has its full torque up to its speed limit (in MuJoCo the torque
-    falls linearly to zero there), a rotor adds to the inertia of the link below its joint as if it
-    turned with that link (in MuJoCo only to the inertia about the joint), and joints have no limits
-    (the targets keep them).
-    """
+    Three simplifications. A motor has its full torque, less dry friction, up to its speed limit. (In
+    MuJoCo the torque falls linearly, nearly to zero there.) A rotor adds to the inertia of the link
+    below its joint, as if it turned with that link. (In MuJoCo it adds only to the inertia about
+    the joint.) Joints have no limits. (The targets keep them.)"""
 
     planar = True
     PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
@@ -746,17 +741,19 @@ class PymunkSim(Simulator):
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
         ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
         space.add(ground)
-        points = body_frames(robot, torso, joints)[0][self.LINKS][:, [0, 2]].tolist()  # [7, 2]
+        origins, _ = body_frames(robot, torso, joints)  # [9, 3]
+        points = origins[self.LINKS][:, [0, 2]].tolist()  # [7, 2] x, z
         pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
+        factors = self.body.mass[i, self.LINKS].tolist()
+        coms = np.array([link.com for link in self.links])  # [7, 3] seen from the joint above
         # Only the torso's own centre of mass is random, not that of the hips' motors.
-        moved = robot.torso.mass / self.links[0].mass * self.body.com[i]
+        coms[0] += robot.torso.mass / self.links[0].mass * self.body.com[i]
         bodies, motors = [], []
-        for link, factor, point, pitch in zip(
-            self.links, self.body.mass[i, self.LINKS].tolist(), points, pitches
+        for link, factor, (x, _, z), point, pitch in zip(
+            self.links, factors, coms, points, pitches
         ):
             body = pymunk.Body(link.mass * factor, link.inertia[1] * factor)
-            x, _, z = link.com + moved * (link is self.links[0])
-            body.center_of_gravity = x, z  # seen from the joint
+            body.center_of_gravity = x, z
             body.angle = -pitch
             body.position = point
             space.add(body)
@@ -783,17 +780,16 @@ class PymunkSim(Simulator):
         return space, bodies, motors
 
     def advance(self, robots, targets, push, move):
-        """See `Simulator`. A motor that only followed the error would lag behind a moving target,
-        so the target's rate is added (feedforward). Then the joint is where the target is at the
-        end of each tick.
-        """
+        """See `Simulator`. A motor that only followed the error would lag behind a moving target.
+        So the target's rate is added (feedforward)."""
         robot, state = self.robot, self.state[robots]
         start, end = targets[..., SAGITTAL].swapaxes(0, 1)  # [n, 6] each
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         speeds = (end - start) / robot.control_dt + gain * (start - state[:, ANGLES[SAGITTAL]])
         speeds = np.clip(speeds, -limit, limit).tolist()
-        rows = np.array([*map(self._tick, robots, speeds, push[:, 0].tolist())])  # [n, 10]
+        forces = push[:, 0].tolist()
+        rows = np.array([self._tick(*args) for args in zip(robots, speeds, forces)])  # [n, 10]
         ahead, height, rate, pitch = rows[:, :4].T  # [n] each
         pitches = rows[:, 3:]  # [n, 7]
         new = np.zeros_like(state)
@@ -808,8 +804,7 @@ class PymunkSim(Simulator):
         """Simulates robot i for a tick: motors with these speeds [6], a force on the torso [N].
 
         Returns how far the torso moved ahead [m], its height [m], its rate of pitch [rad/s], and
-        the pitches of the seven bodies [rad].
-        """
+        the pitches of the seven bodies [rad]."""
         space, bodies, motors = self.worlds[i]
         torso, before = bodies[0], bodies[0].position
         for motor, speed in zip(motors, speeds):
@@ -827,24 +822,17 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 
 
 # ------------------------------------------------------------------------ drawing
-# Trunk, head and nose: both ends of a line in the torso's frame [m]; only pictures have a head.
-# Then colour and radius [m] of all lines: these three; thighs, shins, feet, the left one first.
-UPPER_ENDS = np.array(
-    [[[0, 0, 0.05], [0, 0, 0.24]], [[0, 0, 0.36], [0, 0, 0.36]], [[0.05, 0, 0.36], [0.08, 0, 0.36]]]
-)
-LINES = (
-    ("0.8", 0.085),
-    ("0.88", 0.055),
-    ("0.3", 0.016),
-    *((color, radius) for radius in (0.036, 0.029, 0.016) for color in COLORS),
+# Only pictures have a head. Both ends in the torso's frame [m]; colour; radius [m].
+UPPER_BODY = (
+    ([[0, 0, 0.05], [0, 0, 0.24]], "0.8", 0.085),  # trunk
+    ([[0, 0, 0.36], [0, 0, 0.36]], "0.88", 0.055),  # head
+    ([[0.05, 0, 0.36], [0.08, 0, 0.36]], "0.3", 0.016),  # nose
 )
 
 
 def camera_at(azimuth=-60, elevation=20):
-    """A camera's axes as rows [3, 3]: towards the camera, to the right, up in the picture. It looks
-    at the floor from these angles [°], without perspective; (-90, 0): from the right, (-90, 90):
-    from above.
-    """
+    """A camera's axes as rows [3, 3]: towards the camera, to the right, up in the picture. Angles
+    [°]: (-90, 0) looks from the robot's right side, (-90, 90) from above, without perspective."""
     return rotation(0, -np.radians(elevation), np.radians(azimuth)).T
 
 
@@ -857,22 +845,24 @@ def capsule(start, end, radius):
 
 
 def draw_robots(axes, robot, torso, joints, camera):
-    """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12] as
-    measured; camera: of `camera_at`. Limbs are thick lines, painted from the farthest to the
-    nearest one.
-    """
+    """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12]; camera:
+    of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one."""
     low = -robot.ankle_height
     sole = np.array([[-robot.foot_back, 0, low], [robot.foot_front, 0, low]])  # heel, toe
     for k, (origins, turns) in enumerate(zip(*body_frames(robot, torso, joints)), 1):
-        upper = origins[0] + UPPER_ENDS @ turns[0].T  # [3, 2, 3]
-        legs = origins[[[2, 3], [6, 7], [3, 4], [7, 8]]]  # thighs, shins  [4, 2, 3]
-        feet = origins[[4, 8], None] + sole @ turns[[4, 8]].swapaxes(1, 2)  # [2, 2, 3]
-        seen = np.concatenate([upper, legs, feet]) @ camera.T  # [9, 2, 3] first: towards the camera
+        lines = [
+            (origins[0] + apply(turns[0], np.array(ends)), color, radius)
+            for ends, color, radius in UPPER_BODY
+        ]
+        for hip, color in zip((1, 5), COLORS):
+            thigh, knee, ankle = origins[hip + 1 : hip + 4]
+            lines.append(([thigh, knee], color, 0.036))
+            lines.append(([knee, ankle], color, 0.029))
+            lines.append((ankle + apply(turns[hip + 3], sole), color, 0.016))
         # The farthest line first: it is as near as the nearer of its ends.
-        for j in seen[:, :, 0].max(1).argsort():
-            color, radius = LINES[j]
+        for ends, color, radius in sorted(lines, key=lambda line: (line[0] @ camera[0]).max()):
             color = 1 - (1 - np.array(to_rgb(color))) * k / len(torso)
-            outline = capsule(*seen[j, :, 1:], radius)
+            outline = capsule(*(ends @ camera[1:].T), radius)  # right, up
             axes.fill(*outline.T, color=color, ec=color / 2, lw=0.6)
 
 
@@ -910,10 +900,8 @@ def stage_parser(doc):
 
 
 def output_folder(args, *parts):
-    """The folder to write to, --out or runs/<sim>/ and these parts. Makes it if needed.
-
-    Raises an InputError if that fails, or if the seed is negative.
-    """
+    """The folder to write to, --out or runs/<sim>/ and these parts. Makes it if needed. Raises an
+    InputError if that fails, or if the seed is negative."""
     if args.seed < 0:
         raise InputError("--seed must be 0 or more")
     out = args.out or Path("runs", args.sim, *parts)
@@ -925,10 +913,8 @@ def output_folder(args, *parts):
 
 
 def atomic_write(path, write):
-    """Calls write(temporary file), then renames it: `path` is never only a part of a file.
-
-    Raises an InputError if the disk is full, or if another program keeps the file open.
-    """
+    """Calls write(temporary file), then renames it: `path` is never only a part of a file. Raises
+    an InputError if the disk is full, or if another program keeps the file open."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
     try:
         write(temporary)

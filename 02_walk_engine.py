@@ -5,43 +5,37 @@ for the swing foot and the trunk, inverse kinematics by formulas (from the poses
 to joint angles), and parameters found by optimisation. We add three answers to what the IMU
 measures; in the paper they are future work (see `WalkPlan`). A reflex moves the ankles. A capture
 step moves the landing of a foot to the side to which the robot leans. Waiting lets a step take
-longer. In 3-D all three are on. On the plane the last two gain nothing in walks to a goal, so there
-they are off.
+longer. In 3-D all three are on. In 2-D the last two gain nothing in walks to a goal, so they are
+off.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
-Prints, for four walks of eight double steps, where the robot was commanded to end and where it
-ended. Draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot ends within
-1.3 cm of the command, after 1.24 m. The 3-D robot misses it by up to 0.08 m and 0.14 rad, and a
+A double step is a swing of the left foot and then one of the right. The support foot stays on the
+floor while the swing foot moves. A footstep (x, y, yaw) says where the swing foot lands. (0, 0, 0)
+is its usual place: beside the support foot, at foot_distance, with the same heading. x and y are
+measured along the axes of the support foot. For the right foot y and yaw are mirrored, so that
+outward is positive for both. With all zeros the robot steps on the spot. With (0.08, 0, 0) for both
+feet each lands 0.08 m ahead of the other: a double step moves the robot by 0.16 m. (The first one
+moves the middle of its feet by 0.12 m, since they start side by side.) With (0, 0.06, 0) for the
+left and zeros for the right foot it moves 0.06 m to the left.
+
+The stage prints, for four walks of eight double steps, where the robot was commanded to end and
+where it ended. It draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot
+ends within 1.3 cm of the command. The robot in 3-D misses it by up to 0.08 m and 0.14 rad, and a
 planner has to correct this. Its motors are springs, which give way under the load: in 02_plan.png
-the swing foot rises less than planned. There the robot has drifted to the left of its plan. (A
-symmetric robot can drift, because its left foot always swings first. With a `stiffness` of 3000
-instead of 300 it drifts to the other side.)
+the swing foot rises less than planned. (A symmetric robot can drift to a side, because its left
+foot always swings first.) Predict: how far does its centre of mass sway from side to side in a
+straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and the answer.
 
-`python tests/studies/walk.py` measures how fast and how well the robot walks on other floors and
-with other bodies, and tunes the walk. Nothing is random here, so `--seed` changes nothing.
+Then the stage pushes twelve walking robots forward, each at another moment of the double step. In a
+first run they walk without any answer (in open loop), in a second one with the reflex, in a third
+one with all three answers, also in 2-D. Guess first: how many fall each time, in 3-D and in 2-D?
+(Answers: `tests/exercises/predict.md`, *capture*. In this test waiting changes nothing.) Each push
+lasts for 50 ms. It would give the torso alone 0.8 m/s. It gives the whole robot PUSHED m/s.
 
-Then the stage pushes twelve walking robots forward, in each of three runs, each robot at another
-moment of the double step. They walk without any answer (in open loop), then with the reflex, then
-with all three answers (in this test the planar robot has them, too). Guess first: how many of the
-twelve fall each time, in 3-D and on the plane? (Answers: `tests/exercises/predict.md`, capture.)
-Each push lasts for 50 ms, and would give the torso alone 0.8 m/s. It gives the whole robot 0.57 of
-this speed, as the torso has 0.57 of the mass.
-
-A double step is a swing of the left foot and then one of the right. A footstep (x, y, yaw) says
-where the swing foot lands. (0, 0, 0) is the swing foot's usual place: beside the other foot, at
-foot_distance, with the same heading. x and y are measured along the axes of the other foot. For the
-right foot y and yaw are mirrored, so that outward is positive for both. With all zeros the robot
-steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double
-step moves the robot by 0.16 m (the first one moves the middle of its feet by 0.12 m, since they
-start side by side). With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to
-the left.
-
-Predict: in 3-D the robot sways from side to side in a straight walk. How far does its centre of
-mass sway? (`tests/exercises/predict.md`, sway, has the equation of a pendulum, and the answer.)
-
-How to read this file: read down to the line of equals signs. Up to there a walk is planned. Below
-it stand the three answers to a push, and the code that walks, prints and draws.
+Read down to the line of equals signs. Up to there a walk is planned. Below it stand the three
+answers to a push, and the code that walks, prints and draws. `python tests/studies/walk.py`
+measures the walk on other floors and with other bodies, and tunes it. Nothing is random here.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -76,7 +70,7 @@ class WalkParameters:
     # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
     # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
-    usual_lean: float = 0.04  # [rad] a lean that comes from walking alone: not answered
+    usual_lean: float = 0.04  # [rad] most lean that comes from walking alone: not answered
     follow: float = 0.3  # [-] share of what is missing that a swing foot's answer gains in a tick
     fade: float = 0.015  # [-] share of a standing foot's answer lost in a tick
     wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
@@ -86,13 +80,13 @@ class WalkParameters:
 
 # Found by `tests/studies/walk.py --tune`: for the planar robot on 2026-11-26; in 3-D on 2026-11-23,
 # for a robot without dry friction. A new search in 3-D found a walk with which every planner of
-# stage 5 takes longer, so the older one stays. On the plane the search found half_ticks = 34; 31 is
-# as in 3-D.
+# stage 5 takes longer, so the older one stays. In 2-D the search found half_ticks = 34; 31 is as in
+# 3-D.
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
         double_support=0.0498,
-        foot_distance=0.18,  # not tuned: on the plane it hardly matters
+        foot_distance=0.18,  # not tuned: in 2-D it hardly matters
         foot_rise=0.0313,
         trunk_height=0.3652,
         trunk_phase=0.0064,
@@ -126,8 +120,7 @@ MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the 
 def quintic(start, end, duration):
     """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
 
-    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s].
-    """
+    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]."""
     p0, v0, a0 = np.moveaxis(start, -1, 0)
     p1, v1, a1 = np.moveaxis(end, -1, 0)
     D = duration
@@ -136,9 +129,11 @@ def quintic(start, end, duration):
     v = v1 - v0 - a0 * D
     a = a1 - a0
     # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
-    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)  # To check this put D = 1: these rows,
-    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)  # halved, are the inverse of
-    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)  # (1, 1, 1), (3, 4, 5), (6, 12, 20)
+    # To check this put D = 1. The rows below, halved, are the inverse of (1, 1, 1), (3, 4, 5),
+    # (6, 12, 20).
+    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
+    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
+    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
     return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
 
 
@@ -154,8 +149,7 @@ def polynomial(c, t, order=0):
 class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
 
-    All poses are seen from one fixed frame: the middle between the feet after a reset.
-    """
+    All poses are seen from one fixed frame: the middle between the feet after a reset."""
 
     def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
         p = self.parameters = parameters
@@ -195,7 +189,7 @@ class WalkEngine:
         left = compose(right, steps[:, LEFT])
         return left, compose(left, steps[:, RIGHT])
 
-    def moves_on(self, robots):
+    def closing_step(self, robots):
         """How far the middle of the feet still goes if the next double step is in place, seen from
         this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
@@ -203,7 +197,8 @@ class WalkEngine:
         return robot_model.relative((left + right) / 2, (closed + right) / 2)
 
     def plan(self, footsteps, robots):
-        """The WalkPlan of the next double step of these robots [n].
+        """The WalkPlan of the next double step of these robots [n]. The engine takes it as done:
+        the next plan begins where this one ends, wherever the robot then is.
 
         footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive.
 
@@ -215,8 +210,7 @@ class WalkEngine:
 
         both: double support, both feet on the floor. A knot is the state (position, velocity,
         acceleration) that the trunk should have in the middle of a single step (trunk_phase later).
-        Knot 3 lies in the next double step. Quintics join the knots.
-        """
+        Knot 3 lies in the next double step. Quintics join the knots."""
         left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
         new_left, new_right = self.landings(right, footsteps)
         # The next left step is not known yet: we expect the same one again.
@@ -229,9 +223,10 @@ class WalkEngine:
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
         middle = self.parameters.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), self.period_ticks + 1, 2, 4))
-        # Where a foot stands, after its swing or before it: x, y, yaw; z stays 0
-        feet[..., [0, 1, 3]] = np.stack([new_left, right], 1)[:, None]
-        feet[:, :middle, LEFT] = self._swing(left, new_left)[:, :-1]
+        ground = [0, 1, 3]  # x, y, yaw; z stays 0 where a foot stands
+        feet[:, : middle + 1, LEFT] = self._swing(left, new_left)
+        feet[:, middle:, LEFT, ground] = new_left[:, None]
+        feet[:, :middle, RIGHT, ground] = right[:, None]
         feet[:, middle:, RIGHT] = self._swing(right, new_right)
         self.feet[robots] = np.stack([new_left, new_right], 1)
         return WalkPlan(self, np.asarray(robots), trunk, feet)
@@ -242,8 +237,7 @@ class WalkEngine:
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
         it lands. The trunk is half way between the middle of the feet before the step and the
         middle after it, moves with the mean velocity, without acceleration, and is shifted and
-        rolled towards the support foot.
-        """
+        rolled towards the support foot."""
         p = self.parameters
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
@@ -263,16 +257,16 @@ class WalkEngine:
         p = self.parameters
         time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
-        state = self.trunk[robots]  # [n, 6, 3]
-        path = np.empty((len(state), 6, len(time)))
-        for begin, end, knot in zip((0.0, *ends), ends, knots):
-            spline = quintic(state, knot, end - begin)  # [n, 6, 6] coordinates, coefficients
-            later = time >= begin  # the next spline overwrites what is beyond its knot
-            path[..., later] = polynomial(spline, time[later] - begin)
-            state = knot
-        # After the loop `spline` and `begin` are those of knot 3. The double step ends within this
-        # spline; the next double step begins in the state there.
-        state = [polynomial(spline, self.period - begin, order) for order in range(3)]
+        begins = 0.0, *ends
+        states = self.trunk[robots], *knots  # [n, 6, 3] each
+        path = np.empty((len(states[0]), 6, len(time)))
+        for k in range(3):
+            # [n, 6, 6] coordinates, coefficients
+            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])
+            later = time >= begins[k]  # the next spline overwrites what is beyond its knot
+            path[..., later] = polynomial(spline, time[later] - begins[k])
+        # The double step ends within the last spline. The next one begins in the state there.
+        state = [polynomial(spline, self.period - begins[2], order) for order in range(3)]
         self.trunk[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
 
@@ -280,8 +274,7 @@ class WalkEngine:
         """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw) of a single step. In its first part,
         `double_support` of it, the foot stands. Then x, y and yaw go to the landing, each along one
         quintic from rest to rest. z rises in the first half of this swing, by `foot_rise`, along a
-        quintic, too; in the second half it goes back along the same curve.
-        """
+        quintic, too; in the second half it goes back along the same curve."""
         p = self.parameters
         time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step, then of the swing
         time = np.clip((time - p.double_support) / (1 - p.double_support), 0, 1)
@@ -295,13 +288,13 @@ class WalkEngine:
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ answers to a push
-def capture_step(error, over, swings, old, p):
+def capture_step(error, lean_over_support, swings, old, p):
     """Returns each foot's answer to a lean, [n, 2, 3]: how far its landing moves to the left [m],
     and the roll and pitch [rad] that its leg adds to those of the planned trunk.
 
-    error [n, 2]: measured − planned roll and pitch [rad]; over [n]: its roll, positive towards the
-    support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double support
-    included; old [n, 2, 3]: the answer of the last tick.
+    error [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: its roll, positive
+    towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double
+    support included; old [n, 2, 3]: the answer of the last tick.
 
     A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
     times `capture`. Then the trunk, at the height h, is h·e from its plan, and the swing foot
@@ -311,42 +304,29 @@ def capture_step(error, over, swings, old, p):
         the robot leans to the left         L · T · · · · · R      T is h·e left of its plan
         the left foot lands farther     L · · · T · · · · · R      T is as far from L as planned
 
-    For this the inverse kinematics gets the planned trunk, leaning by e more. In truth the lean has
-    also moved the trunk by h·e. The foot moves with it, and its sole stays nearly level. (The
-    trunk's speed, the ẏ/ω of a capture point, is not answered.) If the robot leans over the support
-    foot, such a landing would bring the feet close together. So there the foot is moved back by
-    h·e, to where it was planned.
-    """
+    For this the inverse kinematics gets the planned trunk, leaning by e more. It places the feet
+    relative to the trunk. In truth the lean has also moved the trunk by h·e, so the foot moves with
+    it, and its sole stays nearly level. (The trunk's speed is not answered.) If the robot leans
+    over the support foot, such a landing would bring the feet close together. So there the foot is
+    moved back by h·e, to where it was planned."""
     e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
     # y = h·e moves the landing to the left. (A positive roll leans to the right.)
-    return_y = p.trunk_height * e[:, 0] * (over > 0)  # [n]
-    wanted = np.column_stack([return_y, e])[:, None]  # [n, 1, 3]
+    y_back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]
+    wanted = np.column_stack([y_back, e])[:, None]  # [n, 1, 3]
     # The tilt is noisy, so a swing foot goes only a share of the distance in a tick. The answer of
     # a standing foot fades slowly: a quick return would tip the robot.
     return np.where(swings[..., None], old + p.follow * (wanted - old), (1 - p.fade) * old)
 
 
-def waiting_pace(over, p):
-    """Returns the pace of a plan, the ticks by which it advances in a tick, [n], from 0 to 1; over
-    [n]: the lean over the support foot [rad].
+def waiting_pace(lean_over_support, p):
+    """Returns the pace of a plan, the ticks by which it advances in a tick, [n], from 0 to 1;
+    lean_over_support [n]: positive outward [rad].
 
-    Up to late_lean the pace is 1. Beyond it the pace falls by `wait` per rad.
-
-    Why does waiting help? Model the robot as the pendulum of `tests/exercises/predict.md`, sway,
-    and let the sole press c outward of the ankle: ÿ = ω²·(y − c), ω = √(g/h), y: how far the mass
-    is outward of the ankle, h: its height. For the capture point ξ = y + ẏ/ω this is
-    ξ̇ = ω·(ξ − c): its distance from c grows as e^(ωt). The sole's edge is 6 cm outward. If ξ is
-    beyond it, waiting does not help. If not, the mass comes back. Let s be half of foot_distance.
-    The other foot takes over at ξ = −b, b = s·(1 + tanh(ω·P/4)). Until then the mass needs
-
-        t = ln((c + b) / (c − ξ)) / ω
-
-    With ω = 5.2/s, s = 8.2 cm and c = 6 cm a single step, 0.31 s, suffices for ξ = 2 cm. For
-    ξ = 4 cm it takes 0.44 s. The robot does not measure ξ, so the law uses the lean: at late_lean
-    the trunk is 2.3 cm outward of its plan.
-    """
-    # pace = 1 − wait·(over − late_lean), from 0 to 1
-    return np.clip(1 - p.wait * (over - p.late_lean), 0, 1)
+    Up to late_lean the pace is 1. Beyond it the pace falls by `wait` per rad. A robot that leans
+    outward over its support foot needs more time until it comes back to the other foot. How much?
+    See `tests/exercises/predict.md`, *waiting*: there the robot is a pendulum."""
+    # pace = 1 − wait·(lean − late_lean), from 0 to 1
+    return np.clip(1 - p.wait * (lean_over_support - p.late_lean), 0, 1)
 
 
 class WalkPlan:
@@ -356,8 +336,7 @@ class WalkPlan:
     In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
     ankle strategy), of its tilt to the landing place (a capture step) and to the timing of the
     step. All of it closes a loop within the double step. With reflex, capture and wait at 0 it is
-    the open loop of the paper.
-    """
+    the open loop of the paper."""
 
     def __init__(self, engine, robots, trunk, feet):
         p = engine.parameters
@@ -367,7 +346,7 @@ class WalkPlan:
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
         self.ticks = engine.period_ticks  # T
         self.most_ticks = self.ticks + (p.longest_wait_ticks if p.wait else 0)
-        # [n] ticks of the plan that each robot has done: less than the time, if it waits
+        # [n] ticks of the plan that each robot has done: fewer than have passed, if it waits
         self.progress = np.zeros(len(robots))
 
     def go_on(self, rows, tick, imu):
@@ -376,21 +355,24 @@ class WalkPlan:
         now = rows, self.progress[rows].astype(int)  # samples of the plan  [k] each
         error = imu[:, :2] - self.trunk[now][:, 3:5]  # [k, 2] roll, pitch [rad]
         swings = engine.swinging(now[1])  # [k, 2]
-        over = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k] a positive roll leans right
-        # How far the plan comes in this tick; it must not take more than most_ticks
-        least = tick + 1 - (self.most_ticks - self.ticks)
-        progress = np.clip(self.progress[rows] + waiting_pace(over, p), least, self.ticks)
+        # A positive roll leans to the right: outward, while the left foot swings
+        lean_over_support = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k]
+        # The plan may be at most 40 ticks (longest_wait_ticks) behind the time: after 60 ticks it
+        # has come to its 20th tick at least, and it ends in time.
+        latest = tick + 1 - (self.most_ticks - self.ticks)
+        pace = waiting_pace(lean_over_support, p)
+        progress = np.clip(self.progress[rows] + pace, latest, self.ticks)
         self.progress[rows] = progress
         then = rows, progress.astype(int)
         robots = self.robots[rows]
-        answer = capture_step(error, over, swings, engine.answer[robots], p)  # [k, 2, 3]
-        engine.answer[robots] = answer
+        answer = capture_step(error, lean_over_support, swings, engine.answer[robots], p)
+        engine.answer[robots] = answer  # [k, 2, 3]
         # The trunk as each leg takes it to be, and the feet  [k, 2, 6 or 4]
-        own = self.trunk[then][:, None].repeat(2, 1)
-        own[..., 3:5] += answer[..., 1:]
+        trunks = self.trunk[then][:, None].repeat(2, 1)
+        trunks[..., 3:5] += answer[..., 1:]
         feet = self.feet[then]
-        feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], own[..., 5])  # sideways
-        joints = robot_model.body_inverse(engine.robot, own, feet, engine.planar)
+        feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], trunks[..., 5])  # sideways
+        joints = robot_model.body_inverse(engine.robot, trunks, feet, engine.planar)
         # The planned change of the trunk in this tick: of roll and pitch, and on the floor
         rates = (self.trunk[then] - self.trunk[now])[:, 3:5] / engine.robot.control_dt  # [k, 2]
         move = robot_model.relative(self.trunk[now][:, GROUND], self.trunk[then][:, GROUND])
@@ -402,12 +384,13 @@ def reflex(error, swings, p):
 
     error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which foot
     swings. If the torso turns forward faster than planned, the toes of the support foot are turned
-    down. They press on the floor, which brakes the turn.
-    """
+    down. They press on the floor, which brakes the turn."""
     # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
     turn = np.clip(p.reflex * error, -REFLEX_LIMIT, REFLEX_LIMIT)  # [n, 2]
-    added = np.zeros((*swings.shape, 6))
-    added[..., [5, 4]] = ~swings[..., None] * turn[:, None]  # ankle roll, ankle pitch
+    added = np.zeros((*swings.shape, 6))  # [n, 2, 6]
+    # Roll and pitch of the ankle of the foot that does not swing
+    added[..., 5] = ~swings * turn[:, :1]
+    added[..., 4] = ~swings * turn[:, 1:]
     return added.reshape(-1, 12)
 
 
@@ -434,15 +417,15 @@ def walk_plans(
     Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
     the origin), and in which double step each robot fell [N] (K: it did not fall). Where it fell a
     robot stays. Before double step k disturb(k, disturbance, robots) may change the Disturbance of
-    these robots [n]. After it watch(engine, plan, motion) is called.
-    """
+    these robots [n]. After it watch(engine, plan, motion) is called."""
     footsteps = np.asarray(footsteps)
     n, count = footsteps.shape[:2]
     engine, simulator = walkers(sim, n, parameters, robot)
     simulator.reset(np.arange(n), body)
-    poses, commanded = np.zeros((2, n, count + 1, 3))
+    poses = np.zeros((n, count + 1, 3))
+    commanded = np.zeros((n, count + 1, 3))
     fall = np.full(n, count)
-    ahead = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
+    offset = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
     for k in range(count):
         up = np.flatnonzero(fall == count)
         if not len(up):
@@ -453,7 +436,7 @@ def walk_plans(
             disturb(k, disturbance, up)
         motion = simulator.run(up, plan, disturbance)
         poses[up, k + 1 :] = motion.torso[:, -1:, GROUND]
-        commanded[:, k + 1 :] = compose(engine.feet.mean(1), ahead)[:, None] - ahead
+        commanded[:, k + 1 :] = compose(engine.feet.mean(1), offset)[:, None] - offset
         fall[up[motion.fell]] = k
         if watch:
             watch(engine, plan, motion)
@@ -474,17 +457,17 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.RobotModel()):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
 
     The push, see `push_force`, is forward, at this speed [m/s], and comes in the second double step
-    at a moment of the robot's own. Returns the tilt of every torso until it fell, `count` arrays
-    [T] [rad], and which robots fell [count]. T differs, if a robot waits.
-    """
+    at a moment of the robot's own. Returns the tilts of every torso to the end of the walk, or of
+    the double step in which it fell, `count` lists of T numbers [rad], and which robots fell
+    [count]. T differs, if a robot waits."""
     tilts = [[] for _ in range(count)]
     force = push_force(robot, speed)
     moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
 
-    def push(k, disturbance, robots):
+    def disturb(k, disturbance, robots):
         if k == 1:
-            for own, first in zip(disturbance.push, moments[robots]):
-                own[first : first + PUSH_TICKS, 0] = force
+            for push, first in zip(disturbance.push, moments[robots]):
+                push[first : first + PUSH_TICKS, 0] = force
 
     def watch(engine, plan, motion):
         tilt = np.arccos(np.cos(motion.torso[..., 3:5]).prod(-1))  # [n, T] as in `fallen`
@@ -492,7 +475,7 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.RobotModel()):
             tilts[i] += [*measured[:ticks]]
 
     steps = [[WALKS["forward"]] * 10] * count
-    _, _, fall = walk_plans(sim, parameters, steps, None, push, watch, robot)
+    _, _, fall = walk_plans(sim, parameters, steps, None, disturb, watch, robot)
     return tilts, fall < 10
 
 
@@ -514,20 +497,21 @@ def plot_push(pushes, engine, path):
 
 
 def plot_plan(engine, plan, motion, path):
-    """Draws a robot's double step over time: feet and trunk, planned and measured."""
+    """Draws a robot's double step over time: feet and trunk, planned and simulated."""
     robot, torso = engine.robot, motion.torso[0]
     points, _ = robot_model.body_frames(robot, torso, motion.joints[0])
     soles = points[:, [4, 8]] - [0, 0, robot.ankle_height]  # [T, 2, 3] below the ankles
-    # Left foot, right foot, trunk; the measured ones begin a tick later  [T + 1 or T, 3, 3]
+    # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
-    measured = np.concatenate([soles, torso[:, None, :3]], 1)
+    walked = np.concatenate([soles, torso[:, None, :3]], 1)
     # The simulators' origin is where the torso was after the reset, ahead of the plan's.
-    measured[..., 0] += engine.parameters.trunk_x_offset
+    walked[..., 0] += engine.parameters.trunk_x_offset
     figure = Figure(figsize=(12, 3.8))
     axes = figure.subplots(1, 3)
-    titles = "forward: x [m]", "sideways: y [m]", "height: z [m]"
+    sideways = "sideways: y [m]" + " (simulated in 3-D only)" * engine.planar
+    titles = "forward: x [m]", sideways, "height: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
-        for values, style, first in (planned, "-", 0), (measured, "--", 1):
+        for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt
             for part, color in enumerate((*robot_model.COLORS, "black")):
                 axis.plot(time, values[:, part, k], style, color=color)
@@ -537,7 +521,7 @@ def plot_plan(engine, plan, motion, path):
     names = "left foot", "right foot", "trunk"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
     figure.suptitle(
-        "A double step: solid as planned, dashed as measured. Grey: the support foot changes"
+        "A double step: solid as planned, dashed as simulated. Grey: the support foot changes"
     )
     robot_model.save_figure(figure, path)
 

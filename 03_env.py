@@ -8,11 +8,13 @@ paper one double step suffices.)
 
 (`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
 what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
-is about noisy goals. Predict: which two of the eight reward terms (`reward_terms`) have the largest
-positive sums for the hand-written planner, and which have negative sums? A measurement of x or y
-has an error with a standard deviation of 5 cm. If the robot stood still and each measurement had an
-error of its own, how large would the standard deviation be of an estimate from one measurement,
-from five, from ten? And while it walks?
+is about noisy goals. Predict (the run shows the answers):
+
+1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
+   hand-written planner, and which have negative sums?
+2. A measured x or y has an error with a standard deviation of 5 cm. Let the robot stand still, and
+   each measurement have an error of its own. How large is the standard deviation of an estimate
+   from one measurement, from five, from ten? And while the robot walks?
 
 An episode is one walk: from standing to the goal, to a fall or to the end of the time. A planner
 chooses the actions. A policy is a planner that is learned: a function from the observation to an
@@ -23,21 +25,22 @@ time is up, the walk could go on: the episode is truncated. Stage 4 must tell th
 `gymnasium.vector.VectorEnv`, for PPO, the learning method of stage 4. `FootstepEnv`
 ("Footsteps-v0") has one robot and the interface of `gymnasium.Env`, for other libraries.
 
-The paper names some parts without details, so we reconstructed them: the formulas and scalars of
-the reward, the encoding of the observation, how widely goals and errors vary. Three parts
-are ours. Floor and body are random in every episode (`Spread`: domain randomization). The robot is
-pushed, if you ask for it. An estimate of the goal combines all noisy measurements so far, in the
-same way for every planner (`predict`, `correct`). Who knows what:
+The formulas and scalars of the reward, and the encoding of the observation, stand in the paper's
+Table I and Fig. 2. Our copy of its text has lost both, so ours are chosen anew. The paper does not
+say how widely goals and errors vary. Three parts are added. Floor and body are random in every
+episode (`Spread`: domain randomization). The robot is pushed, if you ask for it. An estimate of the
+goal combines all noisy measurements so far, in the same way for every planner (`predict`,
+`correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last two actions: OBSERVATION
     another planner     the same, the whole estimate, the step limits, the step's period: `View`
     estimate            noisy measurements of the goal, and the planned motion of a double step
     robot's computer    the planned double step; tilt and turning rates of the torso, with errors
-    reward              the true pose, the goal, a fall, the time
+    reward              the true pose, the goal, a fall, the time, actions, where the feet should be
     nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
 
-How to read this file: read down to the line of equals signs. Below it are the world that brings
-everything together, the pictures, the interfaces of Gymnasium, and the demonstration.
+Read down to the line of equals signs. Below it are the world that brings everything together, the
+pictures, the interfaces of Gymnasium, and the demonstration.
 
 All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
 environments and `gymnasium.make("03_env:Footsteps-v0", …)` take the same arguments.
@@ -58,10 +61,11 @@ wrap = robot_model.wrap
 
 @dataclass(frozen=True)
 class Task:
-    """The task. A comment ends with its source: "paper", or "ours" if the paper gives no value."""
+    """The task. A comment ends with its source: "paper" or "ours"."""
 
-    goal_std_m: float = 0.5  # [m] goals: x, y ~ N(0, σ²); ours, to match the paper's baseline
-    far_std_m: float = 1.0  # [m] σ of far goals: every second one in training, `--far`; ours
+    # [m] goals: x, y ~ N(0, σ²); ours: with it `baseline` of stage 5 takes about the paper's time
+    goal_std_m: float = 0.5
+    far_std_m: float = 1.0  # [m] σ of far goals: in training with probability ½, `--far`; ours
     goal_std_rad: float = np.pi / 2  # [rad] goals: σ of the yaw, wrapped; ours
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
@@ -73,15 +77,15 @@ class Task:
     imu_rad_s: float = 0.1  # [rad/s] of its angular velocity, which the reflex reads; ours
     push_every: float = 3.0  # [s] between two pushes, on average; ours
     near_m: float = 0.4  # [m] what "close" means in the rewards; ours
-    # Scalars of the reward. The paper's terms (values reconstructed):
+    # Scalars of the reward, all ours. The first four terms are the paper's.
     s_d: float = 1.0  # [1/m] distance
     s_a: float = 0.3  # [1/rad] angle
     s_o: float = 0.1  # [1/rad] orient to goal
     s_c: float = 0.1  # [-] continuity
-    s_fall: float = 20.0  # [-] cost of a fall; ours
-    s_goal: float = 1.5  # [-] bonus for having arrived; ours
-    s_stay: float = 1.0  # [-] bonus for arriving near the middle, see `margin_at_rest`; ours
-    s_time: float = 0.04  # [-] cost of time, per usual double step; ours
+    s_fall: float = 20.0  # [-] cost of a fall
+    s_goal: float = 1.5  # [-] bonus for having arrived
+    s_stay: float = 1.0  # [-] for arriving near the middle (at the edge a cost): `margin_at_rest`
+    s_time: float = 0.04  # [-] cost of time, per usual double step
 
 
 @dataclass(frozen=True)
@@ -125,17 +129,15 @@ LIMITS = {
 }
 
 # How far a double step ends from its plan, standard deviation in m, m, rad: the process noise of
-# the filter. As `python tests/studies/walk.py` prints it, with and without --mujoco. It is larger
-# than the error of a single double step, as equal double steps in a row err alike.
+# the filter. `python tests/studies/walk.py` prints it, with and without --mujoco. DRIFTNOTE
 DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
 
-# The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal,
-# α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper,
-# Fig. 2); the encoding is ours. "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these
-# change faster than d; a coordinate beyond 0.5 m gives a constant. Of a goal beyond 2 m a policy
-# sees only the direction and the yaw. (Training has few such goals.)
-# What a double step does also depends on how the body moves when it begins. Without a sensor for
-# that, the last two actions stand in for it.
+# The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal;
+# α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper, Fig. 2; the
+# encoding is ours). "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster
+# than d. Of a goal beyond 2 m a policy sees only the direction and the yaw. (Training has few such
+# goals.) What a double step does also depends on how the body moves when it begins. There is no
+# sensor for that, so the last two actions stand in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -146,6 +148,20 @@ OBSERVATION = [
     *((f"{name}, last action", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
     *((f"{name}, action before", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
 ]
+
+
+@dataclass(frozen=True)
+class View:
+    """What a planner may use for n robots; all of it is copied."""
+
+    robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
+    goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot, estimated from all
+    #                   measurements so far
+    observation: np.ndarray  # [n, 20] rows as in OBSERVATION
+    actions: np.ndarray  # [n, 2, 6] the last one, the one before
+    period: float  # [s] of a usual double step, which does not wait
+    limits: StepLimits
+    neutral_action: np.ndarray  # [6] step on the spot
 
 
 def checked(name, value, *shape):
@@ -180,6 +196,16 @@ def polar(goal):
     return np.hypot(x, y), wrap(yaw), np.arctan2(y, x)
 
 
+def count_in_a_row(after, fall, in_a_row, task):
+    """How many double steps in a row, [n], have now ended at the goal. It is reached as soon as
+    they are `in_a_row` of the task.
+
+    after [n, 3]: the goal seen from the robot; fall [n] bool; in_a_row [n]: the count so far."""
+    d, alpha, _ = polar(after)
+    inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad)
+    return np.where(inside & ~fall, in_a_row + 1, 0)  # whoever falls is not at the goal
+
+
 def encode_goal(goal):
     """The first eight numbers [..., 8] of OBSERVATION for goals seen from the robot [..., 3]."""
     d, alpha, beta = polar(goal)
@@ -198,8 +224,7 @@ def to_footsteps(action, limits):
 
 
 def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`. It is
-    0 where the limits leave no choice."""
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
     span = np.subtract(limits.high, limits.low)  # [3]
     share = np.subtract(footsteps, limits.low) / np.maximum(span, 1e-9)
     return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
@@ -217,13 +242,13 @@ def potentials(goal, near_m):
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
-def margin_at_rest(after, moves_on, task):
-    """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge.
+def margin_at_rest(after, closing_step, task):
+    """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge,
+    negative outside. A robot that arrives still closes its feet, which moves it CLOSING cm.
 
-    after [n, 3]: the goal seen from the robot after a double step; moves_on [n, 3]: as by
-    `WalkEngine` of stage 2. The margin is negative outside of the tolerance.
-    """
-    d, alpha, _ = polar(robot_model.relative(moves_on, after))  # of the goal as seen at rest
+    after [n, 3]: the goal seen from the robot after a double step; closing_step [n, 3]: as by
+    `WalkEngine` of stage 2."""
+    d, alpha, _ = polar(robot_model.relative(closing_step, after))  # of the goal as seen at rest
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
 
 
@@ -237,16 +262,15 @@ def reward_terms(
     [0, 1]; periods [n]: how long it took, in usual double steps; margin [n]: see `margin_at_rest`.
 
     All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
-    (`potentials`) after the double step minus that before it. Without a discount all but the ends
-    cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall, too,
-    so the farther from the goal the robot falls, the less it was paid (Φ_d = −d).
+    (`potentials`) after the double step minus the one before it. Without a discount all but the
+    ends cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall,
+    too, so the farther from the goal the robot falls, the less it was paid (Φ_d = −d).
 
     With the discount γ of stage 4 a reward t double steps ahead counts γᵗ times. Split the
     progress, Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′. In the discounted sum the first parts cancel but for
     the ends (potential-based shaping: Ng, Harada, Russell, 1999). As no Φ is above 0, the second
     part is a cost: 0.05·d per double step for the distance with γ = 0.95. So it pays to hurry, as
-    with s_time. (More of this: `circle` of `tests/exercises/predict.md`.)
-    """
+    with s_time. (More of this: `circle` of `tests/exercises/predict.md`.)"""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -264,17 +288,16 @@ def reward_terms(
 
 
 # ------------------------------------------------------------------------ the estimate
-# A measured goal is off by 5 cm, a double step only by 1 to 2 cm from its plan. So it pays to
-# remember the measurements: a Kalman filter. (In 3-D it pays less for the yaw, and for a far goal,
-# which an unplanned turn moves to the side: a double step turns by 0.08 rad too much or too little,
-# and a measured yaw is off by 0.05 rad.) The filter also keeps how large its error may be: the
-# covariance P of the errors of x, y and yaw, whose diagonal holds their variances.
+# A measured goal is off by 5 cm in x and in y. A double step ends DRIFT from its plan, 1 to 2 cm.
+# So it pays to remember the measurements: a Kalman filter. (In 3-D it pays less for the yaw, and
+# for a distant goal, which an unplanned turn moves to the side: a double step turns by 0.12 rad too
+# much or too little, and a measured yaw is off by 0.05 rad.) The filter also keeps how large its
+# error may be: the covariance P of the errors of x, y and yaw. Its diagonal holds their variances.
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
 
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
-    [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad.
-    """
+    [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad."""
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
@@ -286,7 +309,7 @@ def predict(goal, covariance, motion, drift):
     G = np.tile(np.eye(3), (len(goal), 1, 1))  # [n, 3, 3]
     G[:, 0, 2], G[:, 1, 2] = -y, x
     D = np.diag(np.square(drift))  # [3, 3] covariance of e
-    return goal, J @ covariance @ J.swapaxes(1, 2) + G @ D @ G.swapaxes(1, 2)  # J·P·Jᵀ + G·D·Gᵀ
+    return goal, J @ covariance @ J.mT + G @ D @ G.mT  # J·P·Jᵀ + G·D·Gᵀ
 
 
 def correct(goal, covariance, measured, noise):
@@ -296,13 +319,13 @@ def correct(goal, covariance, measured, noise):
     # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where
     # its derivative −2·(1 − K)·V + 2·K·R is 0: K = V / (V + R), and V ← (1 − K)·V = K·R.
     # For three numbers the same holds with matrices.
-    R = np.diag(np.square(noise))
-    gain = covariance @ np.linalg.inv(covariance + R)  # [n, 3, 3] K = P·(P + R)⁻¹
+    P, R = covariance, np.diag(np.square(noise))
+    K = P @ np.linalg.inv(P + R)  # [n, 3, 3] K = P·(P + R)⁻¹
     error = measured - goal
     error[:, 2] = wrap(error[:, 2])
-    goal = goal + (gain @ error[..., None])[..., 0]
+    goal = goal + robot_model.apply(K, error)
     goal[:, 2] = wrap(goal[:, 2])
-    return goal, gain @ R  # P ← K·R
+    return goal, K @ R  # P ← K·R
 
 
 # ==================================================================== the end of a first reading
@@ -315,27 +338,12 @@ def correct(goal, covariance, measured, noise):
 GOAL, WORLD, NOISE, PUSH, IMU = range(5)
 
 
-@dataclass(frozen=True)
-class View:
-    """What a planner may use for n robots; all of it is copied."""
-
-    robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
-    goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot, estimated from all
-    #                   measurements so far
-    observation: np.ndarray  # [n, 20] rows as in OBSERVATION
-    actions: np.ndarray  # [n, 2, 6] the last one, the one before
-    period: float  # [s] of a usual double step, which does not wait
-    limits: StepLimits
-    neutral_action: np.ndarray  # [6] step on the spot
-
-
 class FootstepWorld:
     """N robots and their N goals; call `reset` first. `robots` are the indices [n] of some of them.
 
     Every robot has a random generator of its own, so N robots together do the same as each of them
     alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
-    noise for all planners.
-    """
+    noise for all planners."""
 
     def __init__(
         self,
@@ -350,15 +358,10 @@ class FootstepWorld:
         spread=Spread(),
         robot=robot_model.RobotModel(),
     ):
-        tables = {
-            "SIMULATORS": robot_model.SIMULATORS,
-            "TUNED": walk_engine.TUNED,
-            "LIMITS": LIMITS,
-            "DRIFT": DRIFT,
-        }
-        missing = [name for name, table in tables.items() if sim not in table]
-        if missing:
-            raise robot_model.InputError(f"no row for simulator {sim!r} in {', '.join(missing)}")
+        tables = robot_model.SIMULATORS, walk_engine.TUNED, LIMITS, DRIFT
+        if not all(sim in table for table in tables):
+            text = "needs a row in SIMULATORS, TUNED, LIMITS and DRIFT"
+            raise robot_model.InputError(f"simulator {sim!r} {text}")
         self.limits = limits or LIMITS[sim]
         self.drift = drift or DRIFT[sim]
         self.sim = sim
@@ -384,8 +387,7 @@ class FootstepWorld:
         """Starts episodes: these robots stand at the origin.
 
         rngs: n random generators; without them the robots go on with their own. goals [n, 3];
-        without them the goals are random.
-        """
+        without them the goals are random."""
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
         if rngs:
@@ -427,9 +429,9 @@ class FootstepWorld:
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]  # [n, 3]
-        # Without noise only the new measurement counts: K is 1. (R is not exactly 0, or a second
-        # measurement would divide by 0. On the plane a turn is exact, drift 0; so K of the yaw is
-        # 1/k at the k-th measurement, of equal ones.)
+        # Without noise R is nearly 0, so K is 1: only the new measurement counts. (In 2-D a turn is
+        # exact, its drift is 0. There all measurements of the yaw are equal, and so is their mean.
+        # With R = 0 the second one would divide by 0.)
         self.estimate[robots], self.covariance[robots] = correct(
             self.estimate[robots],
             self.covariance[robots],
@@ -475,8 +477,7 @@ class FootstepWorld:
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
-        success ends with the first of the double steps in a row that ended inside.
-        """
+        success ends with the first of the double steps in a row that ended inside."""
         task, robot = self.task, self.engine.robot
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before = self.relative_goal(robots)
@@ -500,24 +501,21 @@ class FootstepWorld:
         self.ticks[robots] += motion.ticks
         ended = self.ticks[robots]
         after = self.relative_goal(robots)
-        d, alpha, _ = polar(after)
-        # At the goal by position and by yaw; a fall wins.
-        inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad) & ~fall
-        in_a_row = inside * (self.in_a_row[robots] + 1)
+        in_a_row = count_in_a_row(after, fall, self.in_a_row[robots], task)
         arrival = np.where(in_a_row == 1, ended, self.arrival[robots])
         success = in_a_row >= task.in_a_row
         self.in_a_row[robots], self.arrival[robots] = in_a_row, arrival
         # An episode is cut off before a double step that might take too long.
         no_time = ended + plan.most_ticks > round(task.time_limit / robot.control_dt)  # [ticks]
         periods = motion.ticks / self.engine.period_ticks
-        margin = margin_at_rest(after, self.engine.moves_on(robots), task)
+        margin = margin_at_rest(after, self.engine.closing_step(robots), task)
         terms = reward_terms(before, after, actions, last, fall, success, task, periods, margin)
         self.measure(robots)
         return {
             "success": success,
             "fall": fall,
             "timeout": no_time & ~success & ~fall,
-            "inside": inside,
+            "inside": in_a_row > 0,
             "time": np.where(success, arrival, ended) * robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
@@ -527,12 +525,9 @@ class FootstepWorld:
 
 # ------------------------------------------------------------------------ a picture
 def draw_way(axes, world, goal, feet, camera, chosen=()):
-    """Draws the goal [3] and measured footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor,
-    and bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet.
-
-    The goal is a disc as large as the tolerance, with a tip that points along its yaw. It lies
-    above the prints.
-    """
+    """Draws the goal [3] and footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor, and
+    bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet. The goal is a
+    disc as large as the tolerance, with a tip that points along its yaw."""
     robot, radius = world.engine.robot, world.task.success_m
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
     disc = np.append(robot_model.turned((radius, 0), angle), [(5 * radius, 0)], 0)  # [41, 2] [m]
@@ -554,8 +549,7 @@ def draw_way(axes, world, goal, feet, camera, chosen=()):
 
 def draw_scene(axes, world, goal, feet, torso, joints, chosen=()):
     """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
-    [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen.
-    """
+    [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen."""
     camera = robot_model.camera_at()
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
@@ -574,8 +568,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     Then `step` returns the first observation of the next episode. The last observation of the ended
     episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
     wrappers of observations refuse this mode. They work with
-    `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)
-    """
+    `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, **PICTURES}
 
@@ -618,8 +611,12 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         observations, reward, terminated, truncated, infos = self.walk(actions)
         ended = terminated | truncated
         if ended.any():
-            final = {"final_obs": observations.copy(), "final_info": infos}
-            infos = infos | final | {"_final_obs": ended, "_final_info": ended}
+            infos = infos | {
+                "final_obs": observations.copy(),
+                "_final_obs": ended,
+                "final_info": infos,
+                "_final_info": ended,
+            }
             fresh = self.robots[ended]
             self.world.reset(fresh)
             observations[fresh] = self.world.view(fresh).observation
@@ -661,8 +658,8 @@ class FootstepEnv(gym.Env):
     def step(self, action):
         """Simulates one double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.walk([action])
-        infos |= infos.pop("reward_terms")  # one after the other
-        info = {name: value.item() for name, value in infos.items()}
+        terms = infos.pop("reward_terms")
+        info = {name: value.item() for name, value in (infos | terms).items()}
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
@@ -677,15 +674,14 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 def hand_written(goal, limits):
     """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3].
 
-    Its steps are at most half of what the limits allow. Far from the goal the robot turns towards
-    the goal's position, near the goal to the goal's yaw.
-    """
+    Its steps are at most half of what the limits allow. Farther than half a metre from the goal the
+    robot turns towards the goal's position, nearer to the goal's yaw."""
     d, alpha, beta = polar(goal)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     x, y, _ = goal.T
-    # Both feet share the distance forward and the turn. Sideways only the leading foot steps.
-    wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] of each foot
+    wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] each foot: half of x, half of the turn
     mirrored = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
+    # y from 0 on: sideways only the leading foot steps
     steps = np.clip(mirrored, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
     return to_action(steps, limits)
 
@@ -706,8 +702,7 @@ def estimate_errors(world, seed):
 
 def plot_rewards(episode, errors, path):
     """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
-    and the errors of the estimated goal [2, K], see `estimate_errors` (right).
-    """
+    and the errors of the estimated goal [2, K], see `estimate_errors` (right)."""
     curves, estimate = robot_model.Figure(figsize=(11, 4)).subplots(1, 2)
     for term, values in episode.items():
         curves.plot(np.append(0, values.cumsum()), label=term)
@@ -737,7 +732,7 @@ def main():
     for line in (
         ("observation", "unit", "low", "high"),
         *OBSERVATION,
-        ("\naction (outward is positive) ", "unit", "0 is", "1 is"),
+        ("\naction (y, yaw: outward) ", "unit", "0 is", "1 is"),
         *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2),
     ):
         print("{:32} {:>22} {:>7} {:>7}".format(*line))
@@ -755,17 +750,17 @@ def main():
         bar = tqdm(range(steps), name, leave=False)
         infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
-        print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; a robot was paid")
+        print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls")
+        print("a robot was paid, in all its episodes together:")
         paid = {
             term: np.array([info["reward_terms"][term] for info in infos])  # [60, 64]
             for term in infos[0]["reward_terms"]
         }
         for term, values in paid.items():
             print(f"    {term:8}{values.sum(0).mean():8.2f}")
-    # Of the hand-written planner, which walked last: the longest of the robots' first episodes
-    first = (goals | falls).argmax(0)  # [64] when it ended; 0: it did not
-    robot = first.argmax()
-    episode = {term: values[: first[robot] + 1, robot] for term, values in paid.items()}
+    # Of the hand-written planner, which walked last: the first episode of the first robot
+    last = (goals | falls)[:, 0].argmax()
+    episode = {term: values[: last + 1, 0] for term, values in paid.items()}
     plot_rewards(episode, estimate_errors(envs.world, args.seed), path)
     print("Look at", path)
 

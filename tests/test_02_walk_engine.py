@@ -330,7 +330,7 @@ def test_moves_on_is_where_the_trunk_goes_when_the_walk_stops(sim):
     steps = random_footsteps(default_rng(6), 50)
     engine.plan(steps, robots)
     before = engine.plan(steps, robots).trunk[:, -1, robot_model.GROUND]
-    moves_on = engine.moves_on(robots)  # [50, 3]
+    moves_on = engine.closing_step(robots)  # [50, 3]
     for _ in range(3):
         stopping = engine.plan(np.zeros((50, 2, 3)), robots)
     want = robot_model.relative(before, stopping.trunk[:, -1, robot_model.GROUND])

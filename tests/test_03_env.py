@@ -262,7 +262,7 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(sim):
         action = env.hand_written(world.view(robots).goal, world.limits)
         result = world.step(action, robots)
         after = robot_model.relative(world.pose, goals)
-        margin = env.margin_at_rest(after, world.engine.moves_on(robots), TASK)
+        margin = env.margin_at_rest(after, world.engine.closing_step(robots), TASK)
         periods = result["motion"].ticks / world.engine.period_ticks
         ended = result["fall"], result["success"]
         want = env.reward_terms(before, after, action, last, *ended, TASK, periods, margin)
