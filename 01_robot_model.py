@@ -256,9 +256,8 @@ def leg_inverse(robot, position, foot_turn):
     r"""Joint angles [..., 6] [rad] of one leg, analytically.
 
     position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
-    ankle out of reach is moved along r, see below, only as far as needed. Finally the angles are
-    clipped to the joint limits. The function is meant for feet below their hips that tilt by
-    less than about a radian. For other feet it may return angles that do not make their pose.
+    ankle out of reach is moved along r, see below, only as far as needed. The angles are clipped to
+    the joint limits. A foot should be below its hip, and tilt by less than about a radian.
 
     hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
            :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
@@ -295,8 +294,7 @@ def leg_inverse(robot, position, foot_turn):
     rx, ry, rz = np.moveaxis(hip + robot.hip_x * ahead, -1, 0)  # r
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive. A longer
-    # r is cut to a straight leg, a shorter one to the most that the knee bends. (Rounding could
-    # push its cosine above 1.)
+    # r is cut to a straight leg, a shorter one to the most that the knee bends.
     square = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
     cos_knee = (square - thigh**2 - shin**2) / (2 * thigh * shin)
     knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
@@ -334,8 +332,7 @@ def body_inverse(robot, trunk, feet, planar=False):
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
     """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
 
-    The trunk is `x_offset` ahead of the feet. (The default values, in [m] and [rad], are a first
-    guess for this stage; stage 2 passes its own.)"""
+    The trunk is `x_offset` [m] ahead of the feet. (The defaults are a first guess for this stage.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
@@ -884,18 +881,10 @@ class InputError(Exception):
 def stage_parser(doc):
     """A parser with the flags that every stage has."""
     parser = ArgumentParser(description=doc, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "--mujoco",
-        dest="sim",
-        action="store_const",
-        const="mujoco",
-        default="pymunk",
-        help="Simulate the robot in 3-D (MuJoCo) instead of on the plane (pymunk).",
-    )
-    parser.add_argument(
-        "--seed", type=int, default=0, help="The same seed gives the same numbers (default 0)."
-    )
-    parser.add_argument("--out", type=Path, help="Write into this folder (default runs/<sim>/).")
+    add = parser.add_argument
+    add("--mujoco", dest="sim", action="store_const", const="mujoco", default="pymunk")
+    add("--seed", type=int, default=0, help="The same seed gives the same numbers (default 0).")
+    add("--out", type=Path, help="Write into this folder (default runs/<sim>/).")
     return parser
 
 

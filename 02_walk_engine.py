@@ -78,10 +78,9 @@ class WalkParameters:
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
-# Found by `tests/studies/walk.py --tune`: for the planar robot on 2026-11-26; in 3-D on 2026-11-23,
-# for a robot without dry friction. A new search in 3-D found a walk with which every planner of
-# stage 5 takes longer, so the older one stays. In 2-D the search found half_ticks = 34; 31 is as in
-# 3-D.
+# Found by `tests/studies/walk.py --tune`: in 2-D on 2026-11-26 (half_ticks was 34; 31 is as in 3-D);
+# in 3-D on 2026-11-23, for a robot without dry friction. A newer search in 3-D found a walk with
+# which every planner of stage 5 takes longer.
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
@@ -235,9 +234,8 @@ class WalkEngine:
         """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].
 
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
-        it lands. The trunk is half way between the middle of the feet before the step and the
-        middle after it, moves with the mean velocity, without acceleration, and is shifted and
-        rolled towards the support foot."""
+        it lands. The trunk is half way between the middles of the feet before and after the step.
+        It moves with the mean velocity, and is shifted and rolled towards the support foot."""
         p = self.parameters
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
@@ -273,8 +271,8 @@ class WalkEngine:
     def _swing(self, start, landing):
         """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw) of a single step. In its first part,
         `double_support` of it, the foot stands. Then x, y and yaw go to the landing, each along one
-        quintic from rest to rest. z rises in the first half of this swing, by `foot_rise`, along a
-        quintic, too; in the second half it goes back along the same curve."""
+        quintic from rest to rest. z rises by `foot_rise` in the first half of this swing, along a
+        quintic, too. In the second half it goes back along the same curve."""
         p = self.parameters
         time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step, then of the swing
         time = np.clip((time - p.double_support) / (1 - p.double_support), 0, 1)
@@ -331,12 +329,9 @@ def waiting_pace(lean_over_support, p):
 
 class WalkPlan:
     """A planned double step, and how it answers what the IMU measures meanwhile; a `Trajectory` of
-    stage 1.
-
-    In the field's words: feedback of the torso's angular velocity to the ankles (rate feedback, an
-    ankle strategy), of its tilt to the landing place (a capture step) and to the timing of the
-    step. All of it closes a loop within the double step. With reflex, capture and wait at 0 it is
-    the open loop of the paper."""
+    stage 1. In the field's words: feedback of the torso's angular velocity to the ankles (rate
+    feedback, an ankle strategy), of its tilt to the landing place (a capture step) and to the
+    timing of the step. With reflex, capture and wait at 0 it is the open loop of the paper."""
 
     def __init__(self, engine, robots, trunk, feet):
         p = engine.parameters

@@ -269,8 +269,8 @@ def reward_terms(
     With the discount γ of stage 4 a reward t double steps ahead counts γᵗ times. Split the
     progress, Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′. In the discounted sum the first parts cancel but for
     the ends (potential-based shaping: Ng, Harada, Russell, 1999). As no Φ is above 0, the second
-    part is a cost: 0.05·d per double step for the distance with γ = 0.95. So it pays to hurry, as
-    with s_time. (More of this: `circle` of `tests/exercises/predict.md`.)"""
+    part is a cost: 0.05·d per double step for the distance with γ = 0.95. So it pays to hurry.
+    (More of this: `tests/exercises/predict.md`, *circle*.)"""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -432,26 +432,18 @@ class FootstepWorld:
         # Without noise R is nearly 0, so K is 1: only the new measurement counts. (In 2-D a turn is
         # exact, its drift is 0. There all measurements of the yaw are equal, and so is their mean.
         # With R = 0 the second one would divide by 0.)
+        measured = self.relative_goal(robots) + noise
         self.estimate[robots], self.covariance[robots] = correct(
-            self.estimate[robots],
-            self.covariance[robots],
-            self.relative_goal(robots) + noise,
-            np.maximum(std, 1e-6),
+            self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
         )
 
     def view(self, robots):
         """The View of these robots."""
         goal, actions = self.estimate[robots], self.actions[robots]
         seen = np.hstack([encode_goal(goal), 2 * actions.reshape(-1, 12) - 1])  # [0, 1] to [−1, 1]
-        return View(
-            np.array(robots),
-            goal,
-            seen.astype(np.float32),
-            actions,
-            self.engine.period,
-            self.limits,
-            self.neutral_action.copy(),
-        )
+        seen, neutral = seen.astype(np.float32), self.neutral_action.copy()
+        period, limits = self.engine.period, self.limits
+        return View(np.array(robots), goal, seen, actions, period, limits, neutral)
 
     def _disturbance(self, plan, robots):
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
@@ -485,11 +477,9 @@ class FootstepWorld:
         footsteps = to_footsteps(actions, self.limits)  # [n, 2, 3]
         plan = self.engine.plan(footsteps, robots)
         trunk = plan.trunk[..., robot_model.GROUND]  # [n, T + 1, 3]
+        planned = robot_model.relative(trunk[:, 0], trunk[:, -1])
         self.estimate[robots], self.covariance[robots] = predict(
-            self.estimate[robots],
-            self.covariance[robots],
-            robot_model.relative(trunk[:, 0], trunk[:, -1]),
-            self.drift,
+            self.estimate[robots], self.covariance[robots], planned, self.drift
         )
         disturbance = self._disturbance(plan, robots)
         force = walk_engine.push_force(robot, np.array(push))  # [2] [N]
@@ -687,8 +677,8 @@ def hand_written(goal, limits):
 
 
 def estimate_errors(world, seed):
-    """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and the
-    error that the filter claims, [2, 15] [m]. The robots walk with the hand-written planner."""
+    """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and what
+    the filter claims, [2, 15] [m]. The robots walk with the hand-written planner."""
     world.noise, robots, rows = True, np.arange(len(world.goal)), []
     world.reset(robots, [stream("training", seed, i) for i in robots])
     for _ in range(15):
@@ -702,7 +692,7 @@ def estimate_errors(world, seed):
 
 def plot_rewards(episode, errors, path):
     """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
-    and the errors of the estimated goal [2, K], see `estimate_errors` (right)."""
+    and errors as by `estimate_errors` (right)."""
     curves, estimate = robot_model.Figure(figsize=(11, 4)).subplots(1, 2)
     for term, values in episode.items():
         curves.plot(np.append(0, values.cumsum()), label=term)

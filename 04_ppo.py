@@ -468,18 +468,17 @@ PANELS = {  # title and unit: columns
 def plot_learning_curve(rows, path, title):
     """Draws the log: a dot for each update, and a line, the mean over a twentieth of them.
 
-    What is normal here? (The numbers are means of the first and of the last fifth of the two
-    shipped trainings, `results/<sim>/learning_curve.csv`.) Successes rise, time-outs and times of
-    successes fall. (Until the first episodes run out of time together, in update 11, only short
-    walks end. So the first times are too low.) Falls rise, from less than 0.001 of the walks to
-    0.002 or 0.003: the first policy mostly steps on the spot, and who learns to be quick falls
-    sometimes. The entropy, which says how random the policy is (in nats: with natural logarithms),
-    falls. 0.44 of the samples are outside of 1 ± ε, at the end 0.23. The KL (Kullback-Leibler
-    divergence, how far a rollout moves the policy) is 0.04 nats, at the end 0.02. ([8] logs both as
-    means over its gradient steps. Ours are taken after them, so they are larger.) The explained
-    variance says how much of the differences between the critic's targets V predicts. It stays
-    between 0 and 0.2, and in every third update it is below 0: even the true goal tells little of
-    what a walk will return (*A critic that sees the truth* in `tests/exercises/projects.md`)."""
+    Normal is (numbers: the first and the last fifth of both `results/<sim>/learning_curve.csv`):
+    Successes rise, time-outs and times of successes fall. Until the first episodes run out of time
+    together, in update 11, only short walks end, so the first times are too low. Falls rise from
+    less than 0.001 of the walks to 0.002 or 0.003: the first policy mostly steps on the spot, and a
+    robot that learns to be quick falls sometimes. The entropy, how random the policy is (in nats:
+    with natural logarithms), falls. At first 0.44 of the samples are outside of 1 ± ε, at the end
+    0.23. The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04
+    to 0.02 nats. ([8] logs means over its gradient steps. Ours are taken after them, and larger.)
+    The explained variance, how much of the differences between the critic's targets V predicts,
+    stays between 0 and 0.2, and is below 0 in a quarter of the updates: even the true goal tells
+    little of what a walk will return (*A critic that sees the truth*, projects.md)."""
     steps = np.array([row["steps"] for row in rows])  # [U]
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(10, 13))

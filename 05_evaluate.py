@@ -10,6 +10,8 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --play           click a goal, push the robot, change the planner
+    python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default: all cores; in
+                                           3-D one process with threads)
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
@@ -24,12 +26,11 @@ the robot falls about twice as often as with the baseline. Is this so with our p
 A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
-measurements so far. A planner may use nothing but the view; `tests/studies/search.py` is a worked
-example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
-same noise (common random numbers). So no row has easier goals. (Other goals and worlds would give
-other numbers.) `baseline` is the paper's, but decides once per double step. `baseline_tuned` is the
-same with settings optimised for this world; both feet share a sidestep, and a turn in proportion to
-their limits.
+measurements so far. A planner may use nothing but the view. (`tests/studies/search.py` is a worked
+example.) All planners meet the same goals, floors, bodies and pushes, and at their k-th decision
+the same noise (common random numbers). So no row has easier goals. `baseline` is the paper's, but
+decides once per double step. `baseline_tuned` is the same with settings optimised for this world;
+both feet share a sidestep, and a turn in proportion to their limits.
 
 How sure are we? The true rate p is that of infinitely many walks (trials). In n walks we count the
 rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1 − p)/n).
@@ -159,11 +160,11 @@ def wilson(count, total, z=1.96):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """95 % interval of a statistic of samples [n], by resampling.
+    """95 % interval of a statistic of samples [n], by resampling: many times n of the n walks are
+    chosen at random, with replacement. (Stage 4's bootstrapping is something else.)
 
-    Many times n walks are chosen at random, with replacement, from the n walks of the samples.
-    (This has nothing to do with stage 4's bootstrapping.) statistic: gets these choices from each
-    of the samples, arrays [resamples, n], and returns [resamples] numbers."""
+    statistic: gets these choices from each of the samples, arrays [resamples, n], and returns
+    [resamples] numbers."""
     count = len(samples[0])
     pick = np.random.default_rng(0).integers(count, size=(resamples, count))  # [resamples, n]
     return np.percentile(statistic(*(sample[pick] for sample in samples)), [2.5, 97.5])
@@ -530,8 +531,7 @@ def load_planner(path):
 
 def choose_planners(world, policies, files=()):
     """Planners by row name for these files of policies and of planners, and the name of the one to
-    show. The first policy is called `policy`, all others like their file; if two would have the
-    same name, the second one is called by its path."""
+    show. The first policy is `policy`; the others are named by their files, or by their paths."""
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
         "baseline": BaselinePlanner(),
@@ -598,11 +598,10 @@ def draw_walks(panel, world, planner, trials):
 
 def pictures(axes, world, planner, feet, push, name, window):
     """Lets the first robot do a double step, and draws it. Yields the result of `double_step` after
-    every picture, one for eight ticks.
-
-    Yellow: the footsteps that were chosen, from where the right foot stood. feet: a list of earlier
-    ones [2, 3]; those at the beginning are added. push [2]: see `FootstepWorld.step`. (The planar
-    robot cannot spread its legs: its left foot lands to the right of its mark.)"""
+    every picture, one for eight ticks. Yellow: the footsteps that were chosen, from where the right
+    foot stood. feet: a list of earlier ones [2, 3]; those at the beginning are added. push [2]: see
+    `FootstepWorld.step`. (The planar robot's left foot lands to the right of its mark: it cannot
+    spread its legs.)"""
     engine, began = world.engine, world.ticks[0]
     result = double_step(planner, world, np.array([0]), push)
     motion = result["motion"]
@@ -636,10 +635,9 @@ def open_window():
 
 
 def play(world, planners, push):
-    """Lets a robot walk to where the mouse is pressed, until the window closes.
-
-    Dragging gives the goal's heading. After a fall the robot stands at the origin again. Planners
-    by name; p takes the next one, space is a push [2]."""
+    """Lets a robot walk to where the mouse is pressed, until the window closes. Dragging gives the
+    goal's heading; p takes the next of the planners by name; space is a push [2]. After a fall the
+    robot stands at the origin again."""
     figure, axes = open_window()
     figure.supxlabel("click: a goal; drag: its heading; space: a push; p: another planner")
     keys, pressed, feet = [], np.zeros(2), []  # pressed: where the mouse was, x, y [m]
@@ -695,11 +693,7 @@ def arguments(argv):
     add("--planner", **files)
     add("--robot", type=Path)
     add("--play", action="store_true")
-    add(
-        "--jobs",
-        type=int,
-        help="Let so many processes walk (1: for pdb and cProfile; default: all cores, in 3-D 1).",
-    )
+    add("--jobs", type=int)
     args = parser.parse_args(argv)
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         script = __name__ == "__main__" and "__file__" in globals()
