@@ -418,7 +418,7 @@ def walk_plans(
     engine, simulator = walkers(sim, n, parameters, robot)
     simulator.reset(np.arange(n), body)
     poses = np.zeros((n, count + 1, 3))
-    commanded = np.zeros((n, count + 1, 3))
+    commanded = poses.copy()
     fall = np.full(n, count)
     offset = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
     for k in range(count):
@@ -503,8 +503,7 @@ def plot_plan(engine, plan, motion, path):
     walked[..., 0] += engine.parameters.trunk_x_offset
     figure = Figure(figsize=(12, 3.8))
     axes = figure.subplots(1, 3)
-    sideways = "sideways: y [m]" + " (simulated in 3-D only)" * engine.planar
-    titles = "forward: x [m]", sideways, "height: z [m]"
+    titles = "forward: x [m]", "sideways (in 2-D not simulated): y [m]", "height: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt

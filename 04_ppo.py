@@ -111,8 +111,8 @@ class ActorCritic(nn.Module):
         # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
         mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
         c_minus_2 = torch.full_like(mode, concentration - 2.0)
-        solved = mode.logit(), c_minus_2.expm1().log()  # both for x
-        self.actor[-1].bias.data = torch.cat(solved)
+        # Both are solved for x
+        self.actor[-1].bias.data = torch.cat([mode.logit(), c_minus_2.expm1().log()])
 
     def value(self, obs):
         """The critic's V(s): [..., obs] -> [...]."""
