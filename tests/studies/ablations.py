@@ -128,7 +128,7 @@ def found(data):
     others = [row["success"] for row in short if row["variant"] != "without r_d"]
     least = "all" if min(others) == 1 else f"at least {share(min(others))} of the"
     return {
-        "rewards": "On the plane, after short trainings without the reward for distance (r_d), the robot "
+        "rewards": "In 2-D, after short trainings without the reward for distance (r_d), the robot "
         f"arrives in {share(arrived)} of the walks. After all others it arrives in {least} walks. Without "
         "the rewards for angle (r_a), orientation (r_o) and continuity (r_c) they take {:.1f}, {:.1f} and "
         "{:.1f} s.".format(

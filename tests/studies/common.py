@@ -400,9 +400,9 @@ def readme_result(rows):
     shown = "" if of_plane["time_ratio_ci95"][1] < 1 else ": perhaps nothing"
     arrived = min(row["success"] for row in pick(rows, noise=True))
     told = [
-        f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (in brackets: 95 % "
-        f"intervals). To far goals it is sooner in {share(of_far['faster'])} of the walks, and later in "
-        f"{share(of_far['slower'])}. In 2-D, to near goals, it saves {plane}{shown}.",
+        f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (from "
+        f"unrounded times; in brackets: 95 % intervals). To far goals it is sooner in {share(of_far['faster'])} of the "
+        f"walks, and later in {share(of_far['slower'])}. In 2-D, to near goals, it saves {plane}{shown}.",
         f"With every planner at least {share(arrived, 1)} of the walks succeed.",
     ]
     return f"{table(lines, digits)}\n{bullets(told)}"
