@@ -31,7 +31,8 @@ Then the stage pushes twelve walking robots forward, each at another moment of t
 first run they walk without any answer (in open loop), in a second one with the reflex, in a third
 one with all three answers, also in 2-D. Guess first: how many fall each time, in 3-D and in 2-D?
 (Answers: `tests/exercises/predict.md`, *capture*. In this test waiting changes nothing.) Each push
-lasts for 50 ms. It would give the torso alone 0.8 m/s. It gives the whole robot PUSHED m/s.
+lasts for 50 ms. It would give the torso alone 0.8 m/s. It gives the whole robot 0.3 m/s in 2-D and
+0.4 m/s in 3-D, as the floor takes a part.
 
 Read down to the line of equals signs. Up to there a walk is planned. Below it stand the three
 answers to a push, and the code that walks, prints and draws. `python tests/studies/walk.py`
