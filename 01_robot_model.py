@@ -332,7 +332,7 @@ def body_inverse(robot, trunk, feet, planar=False):
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
     """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
 
-    The trunk is `x_offset` [m] ahead of the feet. (The defaults are a first guess for this stage.)"""
+    The trunk is `x_offset` [m] ahead of the feet. (Stage 2 passes values of its own.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     return trunk, body_inverse(robot, trunk, feet, planar)
@@ -708,10 +708,10 @@ class PymunkSim(Simulator):
         joint angle q              = pitch − parent's pitch = parent's angle − angle
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
 
-    Three simplifications. A motor has its full torque, less dry friction, up to its speed limit. (In
-    MuJoCo the torque falls linearly, nearly to zero there.) A rotor adds to the inertia of the link
-    below its joint, as if it turned with that link. (In MuJoCo it adds only to the inertia about
-    the joint.) Joints have no limits. (The targets keep them.)"""
+    Simplified: a motor has its full torque, less dry friction, up to its speed limit. (In MuJoCo
+    the torque falls linearly, nearly to zero there.) A rotor adds to the inertia of the link below
+    its joint, as if it turned with that link. (In MuJoCo it adds only to the inertia about the
+    joint.) Joints have no limits. (The targets keep them.)"""
 
     planar = True
     PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso

@@ -290,7 +290,7 @@ def reward_terms(
 
 
 # ------------------------------------------------------------------------ the estimate
-# A measured goal is off by 5 cm in x and in y, and by 0.05 rad in yaw. A double step ends DRIFT from
+# A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. A double step ends DRIFT from
 # its plan: only 1 to 2 cm, but in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
 # filter. (In 3-D it pays less for the yaw, and for a distant goal, which an unplanned turn moves to
 # the side.) The filter also keeps how large its error may be: the covariance P of the errors of x,

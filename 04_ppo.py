@@ -183,12 +183,12 @@ def collect(model, envs, obs, steps):
 #   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
 #   A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
 #   So we may subtract b = V(s), usually with less noise: E[A·∇ln π].
-# An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t, a_t),
-# where p is what the world does. So the logarithm is a sum, and the terms of the world, ln p, do not
-# depend on our parameters. The rewards before a decision do not depend on its action, so they drop
-# out like b. The gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. (We leave out a
-# factor γᵗ, as nearly everybody does: with it late decisions would hardly be learned.) A step along
-# this gradient makes good actions more likely and bad ones less.
+# An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t,
+# a_t), where p is what the world does. So the logarithm is a sum, and the terms of the world, ln
+# p, do not depend on our parameters. The rewards before a decision do not depend on its action,
+# so they drop out like b. The gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)].
+# (We leave out a factor γᵗ, as nearly everybody does: with it late decisions would hardly be
+# learned.) A step along this gradient makes good actions more likely and bad ones less.
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     """(2) Advantages A_t by generalised advantage estimation [GAE]; everything [T, N].
 
