@@ -730,6 +730,13 @@ class PymunkSim(Simulator):
         self.links = planar_links(robot)
         super().__init__(num_robots, standing, robot)
 
+    def __setstate__(self, state):
+        """A copy (of a robot that walks within millimetres: pymunk does not copy its solver)."""
+        vars(self).update(state)
+        for _, bodies, _ in filter(None, self.worlds):
+            for body in bodies:
+                body.position = body.position  # pymunk sets it before the centre of mass
+
     def place(self, robots):
         """See `Simulator`."""
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall

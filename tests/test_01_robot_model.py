@@ -1,7 +1,9 @@
 """Stage 1, checked against physics. A failing test names the likely mistake."""
 
+import copy
 import math
 import os
+import pickle
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -769,6 +771,15 @@ def test_a_reset_builds_each_robot_once_and_nothing_else_does(sim):
         for robots, count in ([], 0), ([2, 0], 2), ([1], 3):
             simulator.reset(robots)
             assert build.call_count == count, f"{build.call_count} builds up to a reset of {robots}"
+
+
+@BOTH
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda of: pickle.loads(pickle.dumps(of))])
+def test_a_copy_of_standing_robots_moves_like_its_original(sim, copied):
+    simulator = make_sim(sim, 2)
+    twin = copied(simulator)
+    got, want = (ends(run(one, leaning(sim, [0.1, 0.2], 0.3))) for one in (twin, simulator))
+    close(got, want, "a part of the copy stands elsewhere, or moves what the original has")
 
 
 def test_without_out_everything_goes_below_the_simulators_folder_in_runs(tmp_path, monkeypatch):
