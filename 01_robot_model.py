@@ -685,7 +685,8 @@ class MujocoSim(Simulator):
             self.physics[robots],
             inputs,
             control_spec=mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED,
-            persistent_pool=True,  # its threads wait for the next call
+            # Its threads wait for the next call. A forked process has none of them.
+            persistent_pool=os.getpid() == PROCESS,
         )
         self.physics[robots] = states[:, -1]
         _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
@@ -830,6 +831,7 @@ class PymunkSim(Simulator):
 
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
+PROCESS = os.getpid()  # that has imported this file
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -1,6 +1,8 @@
 """Hard to break: bodies, consoles, surroundings and ends of a process that nobody would wish for."""
 
 import io
+import multiprocessing
+import os
 import shlex
 import subprocess
 import sys
@@ -86,6 +88,27 @@ def test_an_import_changes_nothing_in_its_surroundings():
     code = "import os; before = {**os.environ}; __import__('01_robot_model'); assert os.environ == before"
     done = python("-c", code, MPLBACKEND="agg")
     assert done.returncode == 0, done.stderr
+
+
+def walk_in_3d(count):
+    envs = env.FootstepVectorEnv(count, "mujoco")
+    envs.reset(seed=0)
+    envs.step([envs.neutral_action] * count)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings(
+    "ignore::DeprecationWarning"
+)  # of Python 3.12: this process has threads
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_forked_process_walks_in_3d(count):
+    """As those of AsyncVectorEnv. A fork copies no threads, so nobody must wait for MuJoCo's."""
+    walk_in_3d(4)
+    child = multiprocessing.get_context("fork").Process(target=walk_in_3d, args=(count,))
+    child.start()
+    child.join(30)
+    child.kill()
+    assert child.exitcode == 0, "it still waits" if child.exitcode is None else "see its traceback"
 
 
 @pytest.mark.slow
