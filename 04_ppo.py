@@ -95,7 +95,6 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 InputError = robot_model.InputError
 STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
-torch.set_num_threads(1)  # for matrices as small as ours, several threads are slower
 
 
 @dataclass(frozen=True)
@@ -352,31 +351,38 @@ def train(
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
     about = plain(about | {"seed": seed, "steps": updates * samples, "config": cfg, "fits": fits})
-    if resume:
-        model, rows, adam = stopped(checkpoint, about, make_model)
-    elif checkpoint.exists():
-        raise InputError(f"{checkpoint}: a stopped training: --resume continues it, or delete it")
-    else:
-        torch.manual_seed(seed)
-        model, rows, adam = first_model(envs, cfg, make_model), [], None
-    first = len(rows)
-    # foreach: one call for all weights, which is quicker; eps as in [8]
-    optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
-    if adam:
-        optimizer.load_state_dict(adam)
-    # After a stop: other random numbers than before it
-    new_seed = int(np.random.SeedSequence([seed, 1 + first]).generate_state(1)[0])
-    torch.manual_seed(new_seed)
-    log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
-    bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
-    for numbers in bar:
-        bar.set_description(
-            f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
-            f"return {numbers['return']:.2f}"
-        )
-        rows.append(plain({"steps": (len(rows) + 1) * samples, **numbers}))
-        adam = optimizer.state_dict()
-        save_policy(checkpoint, model, **about, rows=rows, optimizer=adam)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # for matrices as small as ours, several are slower
+    try:
+        if resume:
+            model, rows, adam = stopped(checkpoint, about, make_model)
+        elif checkpoint.exists():
+            raise InputError(
+                f"{checkpoint}: a stopped training: --resume continues it, or delete it"
+            )
+        else:
+            torch.manual_seed(seed)
+            model, rows, adam = first_model(envs, cfg, make_model), [], None
+        first = len(rows)
+        # foreach: one call for all weights, which is quicker; eps as in [8]
+        optimizer = torch.optim.Adam(model.parameters(), eps=1e-5, foreach=True)
+        if adam:
+            optimizer.load_state_dict(adam)
+        # After a stop: other random numbers than before it
+        new_seed = int(np.random.SeedSequence([seed, 1 + first]).generate_state(1)[0])
+        torch.manual_seed(new_seed)
+        log = learn(model, optimizer, envs, cfg, updates, first, new_seed, improve)
+        bar = tqdm(log, total=updates, initial=first, unit=" steps", unit_scale=samples)
+        for numbers in bar:
+            bar.set_description(
+                f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
+                f"return {numbers['return']:.2f}"
+            )
+            rows.append(plain({"steps": (len(rows) + 1) * samples, **numbers}))
+            adam = optimizer.state_dict()
+            save_policy(checkpoint, model, **about, rows=rows, optimizer=adam)
+    finally:
+        torch.set_num_threads(threads)
     envs.close()
     table, header = [list(row.values()) for row in rows], ",".join(rows[0])
     robot_model.atomic_write(

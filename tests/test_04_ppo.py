@@ -4,6 +4,7 @@ import inspect
 import itertools
 import math
 import re
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -560,6 +561,30 @@ def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
         equal(loaded.decide([[0.3]]), want.decide([[0.3]]), "the same weights")
     finally:
         torch.set_default_dtype(torch.float32)
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+def test_a_training_takes_one_thread_and_leaves_the_setting_as_it_was(error):
+    usual, seen = torch.get_num_threads(), []
+
+    def watched(*given):
+        seen.append(torch.get_num_threads())
+        if error:
+            raise error
+        return ppo.improve(*given)
+
+    def made(*given):
+        seen.append(torch.get_num_threads())
+        return ActorCritic(*given)
+
+    torch.set_num_threads(3)
+    try:
+        with suppress(KeyboardInterrupt):
+            train(QUICK, wandering, HERE, 64, make_model=made, improve=watched)
+        hint = "more are slower, and round the first weights in another way"
+        assert (seen, torch.get_num_threads()) == ([1, 1], 3), hint
+    finally:
+        torch.set_num_threads(usual)
 
 
 @pytest.mark.parametrize("name", ["policy.pt", "learning_curve.csv", "checkpoint.pt"])

@@ -85,7 +85,10 @@ def test_the_backend_of_a_notebook_may_be_missing():
 
 
 def test_an_import_changes_nothing_in_its_surroundings():
-    code = "import os; before = {**os.environ}; __import__('01_robot_model'); assert os.environ == before"
+    code = (
+        "import os, torch; torch.set_num_threads(2); before = {**os.environ}; __import__('05_evaluate'); "
+        "assert (os.environ, torch.get_num_threads()) == (before, 2)"
+    )
     done = python("-c", code, MPLBACKEND="agg")
     assert done.returncode == 0, done.stderr
 
@@ -97,9 +100,7 @@ def walk_in_3d(count):
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
-@pytest.mark.filterwarnings(
-    "ignore::DeprecationWarning"
-)  # of Python 3.12: this process has threads
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # Python 3.12: "may lead to deadlocks"
 @pytest.mark.parametrize("count", [1, 4])
 def test_a_forked_process_walks_in_3d(count):
     """As those of AsyncVectorEnv. A fork copies no threads, so nobody must wait for MuJoCo's."""
@@ -107,8 +108,9 @@ def test_a_forked_process_walks_in_3d(count):
     child = multiprocessing.get_context("fork").Process(target=walk_in_3d, args=(count,))
     child.start()
     child.join(30)
+    code = child.exitcode
     child.kill()
-    assert child.exitcode == 0, "it still waits" if child.exitcode is None else "see its traceback"
+    assert code == 0, f"{code}: None means that it still waits"
 
 
 @pytest.mark.slow
