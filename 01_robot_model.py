@@ -942,8 +942,9 @@ def atomic_write(path, write):
     try:
         write(temporary)
         temporary.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    except (OSError, RuntimeError) as error:  # the latter by PyTorch
+        why = getattr(error, "strerror", "is the disk full?")
+        raise InputError(f"cannot write {path}: {why}") from error
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -597,6 +597,19 @@ def test_a_file_that_cannot_be_written_is_one_line(name):
     assert not list(HERE.glob("*.tmp*")), "no half of a file is left"
 
 
+def test_a_full_disk_is_one_line():
+    """A limit on the size of a file stands in for it. PyTorch raises no OSError then."""
+    resource = pytest.importorskip("resource")
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with pytest.raises(InputError, match=r"\A.*policy\.pt: .*\Z"):
+            ppo.save_policy(HERE / "policy.pt", ActorCritic(5, 2))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert not contents(), "no half of a file is left"
+
+
 def test_a_seed_is_a_training():
     def run(seed, **changes):
         model, _ = train(replace(QUICK, **changes), wandering, HERE, 3 * 64, seed)
