@@ -68,6 +68,7 @@ import math
 import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -943,15 +944,17 @@ def atomic_write(path, write):
         write(temporary)
         temporary.replace(path)
     except (OSError, RuntimeError) as error:  # the latter by PyTorch
-        why = getattr(error, "strerror", "is the disk full?")
-        raise InputError(f"cannot write {path}: {why}") from error
+        raise InputError(
+            f"cannot write {path}: {getattr(error, 'strerror', 'disk full?')}"
+        ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # it is not there, or the disk is read-only
+            temporary.unlink()
 
 
 def write_text(path, text):
     """Writes UTF-8 with plain line ends on every system."""
-    atomic_write(path, lambda file: file.write_text(text, "utf-8", newline="\n"))
+    atomic_write(path, lambda file: file.write_text(text, "utf-8", "replace", newline="\n"))
 
 
 def pixels(figure):

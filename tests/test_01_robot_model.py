@@ -806,3 +806,16 @@ def test_a_file_is_there_as_a_whole_or_as_it_was(tmp_path, monkeypatch):
     robot_model.atomic_write(path, write)
     assert path.read_text() == "new" and [*tmp_path.iterdir()] == [path], "no rest"
     assert used[0] != used[1], "two processes that write one file would mix"
+
+
+def test_a_read_only_disk_is_one_line(tmp_path):
+    refused = mock.Mock(side_effect=OSError(30, "Read-only file system"))
+    with mock.patch.multiple(Path, write_text=refused, unlink=refused):
+        with pytest.raises(robot_model.InputError, match="table.md: Read-only file system"):
+            robot_model.write_text(tmp_path / "table.md", "")
+    assert refused.call_count == 2, "what was written first would be left on any other disk"
+
+
+def test_a_name_that_is_no_text_costs_no_file(tmp_path):
+    robot_model.write_text(tmp_path / "table.md", os.fsdecode(b"walk\xff.pt falls\n"))
+    assert (tmp_path / "table.md").read_bytes() == b"walk?.pt falls\n"
