@@ -731,6 +731,17 @@ def write_results(args, blocks, results, out):
 
 def main(argv=None):
     args = arguments(argv)
+    try:
+        run(args)
+    except SystemExit as error:
+        raise InputError(
+            f"{', '.join(map(str, filter(None, [*args.planner, args.robot])))}: ends Python (by "
+            "exit(), or by a main() without `if __name__ == ...`)"
+        ) from error
+
+
+def run(args):
+    """Does what the command line asks for."""
     world = make_world(args, len(FIGURE_GOALS))  # for pictures
     planners, shown = choose_planners(world, args.policy, args.planner)
     out = robot_model.output_folder(args)

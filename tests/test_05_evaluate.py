@@ -586,6 +586,20 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     assert (last.path.name, last.lineno) == ("mine.py", LINE), "where it was raised"
 
 
+@pytest.mark.parametrize("end", [
+    lambda code: code + "import sys\nsys.exit()",
+    lambda code: code + "import argparse\nargparse.ArgumentParser().error('no such flag')",
+    lambda code: code.replace("        pass", "        raise SystemExit"),
+    lambda code: code.replace("        return", "        exit(0)\n        return"),
+], ids=["its end", "its main()", "reset", "act"])  # fmt: skip
+def test_a_planner_that_ends_python_is_one_line(short_trials, end):
+    path = own_planner("mine.py")
+    path.write_text(end(path.read_text("utf-8")), "utf-8")
+    with pytest.raises(robot_model.InputError, match=r"\Amine\.py: .*exit.*\Z"):
+        call("--planner", path, "--episodes", 1)
+    assert not Path("out/table.md").exists()
+
+
 def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
     second = save_untrained(Path("mine.pt"))
     line = "actions[:, [0, 3]] += 0.3"  # it walks past the second goal
