@@ -176,6 +176,7 @@ def time_ratio(trials, reference):
 
     goals                         how many these are; the dict is empty if there is none
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
+                                  (None below 20 goals)
     faster, slower                shares of the goals that took less, more than the reference
     """
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
@@ -186,7 +187,9 @@ def time_ratio(trials, reference):
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
         # In pairs: both planners take long to a far goal, and this cancels in the ratio.
-        "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)],
+        "time_ratio_ci95": [*bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)]
+        if len(ours) >= 20
+        else None,
         "faster": np.mean(ours < theirs),
         "slower": np.mean(ours > theirs),
     }
@@ -286,7 +289,10 @@ def table(rows, ratios, special=""):
             text += ROW.format(*row["success_ci95"], **row)
         if row["goal_std_m"] == env.Task.goal_std_m and not special:
             text += PAPER[kind[1]]
-    lines = [RATIO.format(*kind_of(row), *row["time_ratio_ci95"], **row) for row in ratios]
+    lines = [
+        RATIO.format(*kind_of(row), *(row["time_ratio_ci95"] or [math.nan] * 2), **row)
+        for row in ratios
+    ]
     return text + "".join([RATIO_HEAD, *lines]) * bool(lines)
 
 
@@ -721,10 +727,9 @@ def write_results(args, blocks, results, out):
     )
     text = table(rows, ratios, special)
     print(f"\n{text}")  # before files are written, which may fail
-    rows = [{name: None if v != v else v for name, v in row.items()} for row in rows]  # no nan
-    content = vars(args) | {"rows": rows, "ratios": ratios}
-    content = json.dumps(content, indent=1, allow_nan=False, default=str) + "\n"
-    robot_model.write_text(out / "evaluation.json", content)
+    content = json.dumps(vars(args) | {"rows": rows, "ratios": ratios}, default=str)
+    content = json.loads(content, parse_constant=lambda nan: None)  # JSON knows no nan
+    robot_model.write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     robot_model.write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
 
