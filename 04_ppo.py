@@ -349,6 +349,11 @@ def train(
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
+    space = envs.single_action_space
+    if space != gym.spaces.Box(0, 1, space.shape, space.dtype) or (
+        envs.metadata.get("autoreset_mode") != gym.vector.AutoresetMode.SAME_STEP
+    ):
+        raise InputError("needs environments with actions in [0, 1] and AutoresetMode.SAME_STEP")
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
     about = plain(about | {"seed": seed, "steps": updates * samples, "config": cfg, "fits": fits})
     threads = torch.get_num_threads()
@@ -409,8 +414,10 @@ def stopped(checkpoint, about, make_model):
     """The model, the rows of the log, and Adam's state of a training that was stopped; about: what
     the file must hold, too."""
     model, stored = load_policy(checkpoint, make_model)
-    if any(stored.get(name) != value for name, value in about.items()):
-        raise InputError(f"{checkpoint}: other settings; use the same flags")
+    if "rows" not in stored or any(stored.get(name) != value for name, value in about.items()):
+        raise InputError(
+            f"{checkpoint}: no stopped training with these settings; use the same flags"
+        )
     return model, stored["rows"], stored["optimizer"]
 
 

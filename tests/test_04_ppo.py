@@ -637,8 +637,40 @@ def test_a_refused_training_is_one_line_and_changes_no_file():
         {"cfg": replace(QUICK, gamma=0.5)},
         {"noise": True},
     ):
-        refused("other settings; use the same flags", **changes)
+        refused("no stopped training with these settings; use the same flags", **changes)
     assert contents() == before, "neither the checkpoint nor anything else has changed"
+
+
+def test_a_finished_policy_is_no_stopped_training():
+    train(QUICK, wandering, HERE, 64)
+    (HERE / "policy.pt").rename(HERE / "checkpoint.pt")
+    with pytest.raises(InputError, match=r"\A.*checkpoint\.pt: .*\Z"):
+        train(QUICK, wandering, HERE, 64, resume=True)
+
+
+class Torques(Probe):
+    def __init__(self, num_envs):
+        super().__init__(num_envs, wander)
+        self.single_action_space = gym.spaces.Box(-2, 2, (1,))
+
+
+class Buttons(Torques):
+    def __init__(self, num_envs):
+        super().__init__(num_envs)
+        self.single_action_space = gym.spaces.Discrete(2)
+
+
+class Later(Probe):
+    metadata = {"autoreset_mode": gym.vector.AutoresetMode.NEXT_STEP}
+
+
+@pytest.mark.parametrize("envs, said", [
+    (Torques, r"\[0, 1\]"), (Buttons, r"\[0, 1\]"), (partial(Later, play=wander), "SAME_STEP"),
+])  # fmt: skip
+def test_a_task_that_cannot_be_learned_here_is_refused_in_one_line(envs, said):
+    with pytest.raises(InputError, match=rf"\A.*{said}.*\Z"):
+        train(QUICK, envs, HERE, 64)
+    assert not contents()
 
 
 def test_stage_5_can_evaluate_a_training_that_still_runs_and_knows_in_what():
