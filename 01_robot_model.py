@@ -707,6 +707,13 @@ def planar_links(robot):
     return merged, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
+def sound(number, least=0):
+    """The number. (In C another mass, inertia, friction or number of iterations ends Python.)"""
+    if not least <= number < math.inf:
+        raise InputError(f"pymunk cannot use a mass, inertia, friction or iterations of {number}")
+    return number
+
+
 class PymunkSim(Simulator):
     """N planar robots: pymunk simulates the sagittal plane. In it the robots stand, slip, and fall.
     Sideways they move as commanded, and they turn as commanded.
@@ -749,11 +756,11 @@ class PymunkSim(Simulator):
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
-        space.iterations = robot.planar_iterations
+        space.iterations = sound(robot.planar_iterations, 1)
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
-        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
+        ground.friction = sound(self.body.friction[i])  # pymunk MULTIPLIES both μ; the other is 1
         space.add(ground)
         points = body_frames(robot, torso, joints)[0][self.LINKS][:, [0, 2]].tolist()  # [7, 2]
         pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
@@ -763,7 +770,7 @@ class PymunkSim(Simulator):
         for link, factor, point, pitch in zip(
             self.links, self.body.mass[i, self.LINKS].tolist(), points, pitches
         ):
-            body = pymunk.Body(link.mass * factor, link.inertia[1] * factor)
+            body = pymunk.Body(sound(link.mass * factor), sound(link.inertia[1] * factor))
             x, _, z = link.com + moved * (link is self.links[0])
             body.center_of_gravity = x, z  # seen from the joint
             body.angle = -pitch

@@ -39,6 +39,38 @@ def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp
     assert not list(tmp_path.iterdir()), "a simulator wrote a file"
 
 
+IMPOSSIBLE = """
+import sys
+from dataclasses import replace
+from importlib import import_module
+
+env = import_module("03_env")
+model = env.robot_model
+robot = model.RobotModel()
+settings = [{"spread": env.Spread(mass=5.0)}]
+for number in map(float, ("-1", "nan", "inf")):
+    settings += (
+        {"robot": replace(robot, foot=replace(robot.foot, mass=number))},
+        {"robot": replace(robot, torso=replace(robot.torso, inertia=(number,) * 3))},
+        {"robot": replace(robot, friction=number), "spread": env.Spread(friction=0.0)},
+        {"robot": replace(robot, planar_iterations=number)},
+    )
+for setting in settings:
+    try:
+        env.FootstepVectorEnv(64, sys.argv[1], **setting).reset(seed=0)
+    except (model.InputError, ValueError) as error:
+        print(error)
+print("alive")
+"""
+
+
+@BOTH
+def test_an_impossible_body_ends_no_python(sim):
+    """A failed assertion in C would take a notebook's memory with it."""
+    done = python("-c", IMPOSSIBLE, sim)
+    assert done.stdout.endswith("alive\n"), done.stdout + done.stderr
+
+
 def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["folder/stage.py"])
     with pytest.raises(SystemExit, match="2"):
