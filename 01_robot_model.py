@@ -64,6 +64,7 @@ import math
 import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -677,7 +678,8 @@ class MujocoSim(Simulator):
             self.physics[robots],
             inputs,
             control_spec=mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED,
-            persistent_pool=True,  # its threads wait for the next call
+            # Its threads wait for the next call. A forked process has none of them.
+            persistent_pool=os.getpid() == PROCESS,
         )
         self.physics[robots] = states[:, -1]
         _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
@@ -697,6 +699,13 @@ def planar_links(robot):
     pitch = torso.inertia[1] + 2 * hip.inertia[1] + share * torso.mass * (away[::2] ** 2).sum()
     merged = Link(mass, torso.com + share * away, (0, pitch, 0))  # only the pitch's is used
     return merged, *(robot.thigh, robot.shin, robot.foot) * 2
+
+
+def sound(number, least=0):
+    """The number, if pymunk can use it. (Else an assertion in C would end Python.)"""
+    if not least <= number < math.inf:
+        raise InputError(f"pymunk cannot use a mass, inertia, friction or iterations of {number}")
+    return number
 
 
 class PymunkSim(Simulator):
@@ -722,6 +731,13 @@ class PymunkSim(Simulator):
         self.links = planar_links(robot)
         super().__init__(num_robots, standing, robot)
 
+    def __setstate__(self, state):
+        """Makes a copy. (Amid a walk it is off by millimetres: pymunk does not copy its solver.)"""
+        vars(self).update(state)
+        for _, bodies, _ in filter(None, self.worlds):
+            for body in bodies:
+                body.position = body.position  # pymunk sets it before the centre of mass
+
     def place(self, robots):
         """See `Simulator`."""
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
@@ -732,11 +748,11 @@ class PymunkSim(Simulator):
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
-        space.iterations = robot.planar_iterations
+        space.iterations = sound(robot.planar_iterations, 1)
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
-        ground.friction = self.body.friction[i]  # pymunk MULTIPLIES both shapes' μ; the other is 1
+        ground.friction = sound(self.body.friction[i])  # pymunk MULTIPLIES both μ; the other is 1
         space.add(ground)
         origins, _ = body_frames(robot, torso, joints)  # [9, 3]
         points = origins[self.LINKS][:, [0, 2]].tolist()  # [7, 2] x, z
@@ -749,7 +765,7 @@ class PymunkSim(Simulator):
         for link, factor, (x, _, z), point, pitch in zip(
             self.links, factors, coms, points, pitches
         ):
-            body = pymunk.Body(link.mass * factor, link.inertia[1] * factor)
+            body = pymunk.Body(sound(link.mass * factor), sound(link.inertia[1] * factor))
             body.center_of_gravity = x, z
             body.angle = -pitch
             body.position = point
@@ -815,6 +831,7 @@ class PymunkSim(Simulator):
 
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
+PROCESS = os.getpid()  # that has imported this file
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -908,15 +925,17 @@ def atomic_write(path, write):
     try:
         write(temporary)
         temporary.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror}") from error
+    except (OSError, RuntimeError) as error:  # the latter by PyTorch
+        reason = getattr(error, "strerror", "is the disk full?")
+        raise InputError(f"cannot write {path}: {reason}") from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):  # it is not there, or the disk is read-only
+            temporary.unlink()
 
 
 def write_text(path, text):
     """Writes UTF-8 with plain line ends on every system."""
-    atomic_write(path, lambda file: file.write_text(text, "utf-8", newline="\n"))
+    atomic_write(path, lambda file: file.write_text(text, "utf-8", "replace", newline="\n"))
 
 
 def pixels(figure):

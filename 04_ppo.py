@@ -40,6 +40,7 @@ but does not do by default: an entropy bonus, value clipping, a stop at a large 
 import argparse
 import json
 import math
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
@@ -55,7 +56,6 @@ robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 InputError = robot_model.InputError
 STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
-torch.set_num_threads(1)  # for matrices as small as ours, several threads are slower
 
 
 @dataclass(frozen=True)
@@ -330,6 +330,18 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
 
 
 # ==================================================================== the end of a first reading
+@contextmanager
+def one_thread():
+    """Within it PyTorch computes with one thread. For matrices as small as ours this is quicker."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@one_thread()
 def train(
     cfg,
     make_envs,
@@ -349,6 +361,11 @@ def train(
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
+    space = envs.single_action_space
+    if space != gym.spaces.Box(0, 1, space.shape, space.dtype) or (
+        envs.metadata.get("autoreset_mode") != gym.vector.AutoresetMode.SAME_STEP
+    ):
+        raise InputError("needs environments with actions in [0, 1] and AutoresetMode.SAME_STEP")
     # What must be the same when a stopped training goes on, as plain values: those in a file are
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
     about = plain(about | {"seed": seed, "steps": updates * samples, "config": cfg, "fits": fits})
@@ -403,8 +420,8 @@ def stopped(checkpoint, about, make_model):
     """The model, the rows of the log, and Adam's state of a training that was stopped; about: what
     the file must hold, too."""
     model, stored = load_policy(checkpoint, make_model)
-    if any(stored.get(name) != value for name, value in about.items()):
-        raise InputError(f"{checkpoint}: other settings; use the same flags")
+    if "rows" not in stored or any(stored.get(name) != value for name, value in about.items()):
+        raise InputError(f"{checkpoint}: no stopped training with the same flags")
     return model, stored["rows"], stored["optimizer"]
 
 

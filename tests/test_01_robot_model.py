@@ -1,7 +1,9 @@
 """Stage 1, checked against physics. A failing test names the likely mistake."""
 
+import copy
 import math
 import os
+import pickle
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -771,6 +773,15 @@ def test_a_reset_builds_each_robot_once_and_nothing_else_does(sim):
             assert build.call_count == count, f"{build.call_count} builds up to a reset of {robots}"
 
 
+@BOTH
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda of: pickle.loads(pickle.dumps(of))])
+def test_a_copy_of_standing_robots_moves_like_its_original(sim, copied):
+    simulator = make_sim(sim, 2)
+    twin = copied(simulator)
+    got, want = (ends(run(one, leaning(sim, [0.1, 0.2], 0.3))) for one in (twin, simulator))
+    close(got, want, "a part of the copy stands elsewhere, or moves what the original has")
+
+
 def test_without_out_everything_goes_below_the_simulators_folder_in_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     args = robot_model.stage_parser("").parse_args(["--mujoco"])
@@ -795,3 +806,16 @@ def test_a_file_is_there_as_a_whole_or_as_it_was(tmp_path, monkeypatch):
     robot_model.atomic_write(path, write)
     assert path.read_text() == "new" and [*tmp_path.iterdir()] == [path], "no rest"
     assert used[0] != used[1], "two processes that write one file would mix"
+
+
+def test_a_read_only_disk_is_one_line(tmp_path):
+    refused = mock.Mock(side_effect=OSError(30, "Read-only file system"))
+    with mock.patch.multiple(Path, write_text=refused, unlink=refused):
+        with pytest.raises(robot_model.InputError, match="table.md: Read-only file system"):
+            robot_model.write_text(tmp_path / "table.md", "")
+    assert refused.call_count == 2, "what was written first would be left on any other disk"
+
+
+def test_a_name_that_is_no_text_costs_no_file(tmp_path):
+    robot_model.write_text(tmp_path / "table.md", os.fsdecode(b"walk\xff.pt falls\n"))
+    assert (tmp_path / "table.md").read_bytes() == b"walk?.pt falls\n"

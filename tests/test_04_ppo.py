@@ -4,6 +4,7 @@ import inspect
 import itertools
 import math
 import re
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -562,6 +563,30 @@ def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
         torch.set_default_dtype(torch.float32)
 
 
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt])
+def test_a_training_takes_one_thread_and_leaves_the_setting_as_it_was(error):
+    usual, seen = torch.get_num_threads(), []
+
+    def watched(*given):
+        seen.append(torch.get_num_threads())
+        if error:
+            raise error
+        return ppo.improve(*given)
+
+    def made(*given):
+        seen.append(torch.get_num_threads())
+        return ActorCritic(*given)
+
+    torch.set_num_threads(3)
+    try:
+        with suppress(KeyboardInterrupt):
+            train(QUICK, wandering, HERE, 64, make_model=made, improve=watched)
+        hint = "more are slower, and round the first weights in another way"
+        assert (seen, torch.get_num_threads()) == ([1, 1], 3), hint
+    finally:
+        torch.set_num_threads(usual)
+
+
 @pytest.mark.parametrize("name", ["policy.pt", "learning_curve.csv", "checkpoint.pt"])
 def test_a_file_that_cannot_be_written_is_one_line(name):
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
@@ -570,6 +595,19 @@ def test_a_file_that_cannot_be_written_is_one_line(name):
     with mock.patch("os.replace", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
         ppo.save_policy(HERE / name, ActorCritic(5, 2))
     assert not list(HERE.glob("*.tmp*")), "no half of a file is left"
+
+
+def test_a_full_disk_is_one_line():
+    """A limit on the size of a file stands in for it. PyTorch raises no OSError then."""
+    resource = pytest.importorskip("resource")
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with pytest.raises(InputError, match=r"\A.*policy\.pt: .*\Z"):
+            ppo.save_policy(HERE / "policy.pt", ActorCritic(5, 2))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+    assert not contents(), "no half of a file is left"
 
 
 def test_a_seed_is_a_training():
@@ -599,8 +637,40 @@ def test_a_refused_training_is_one_line_and_changes_no_file():
         {"cfg": replace(QUICK, gamma=0.5)},
         {"noise": True},
     ):
-        refused("other settings; use the same flags", **changes)
+        refused("no stopped training with these settings; use the same flags", **changes)
     assert contents() == before, "neither the checkpoint nor anything else has changed"
+
+
+def test_a_finished_policy_is_no_stopped_training():
+    train(QUICK, wandering, HERE, 64)
+    (HERE / "policy.pt").rename(HERE / "checkpoint.pt")
+    with pytest.raises(InputError, match=r"\A.*checkpoint\.pt: .*\Z"):
+        train(QUICK, wandering, HERE, 64, resume=True)
+
+
+class Torques(Probe):
+    def __init__(self, num_envs):
+        super().__init__(num_envs, wander)
+        self.single_action_space = gym.spaces.Box(-2, 2, (1,))
+
+
+class Buttons(Torques):
+    def __init__(self, num_envs):
+        super().__init__(num_envs)
+        self.single_action_space = gym.spaces.Discrete(2)
+
+
+class Later(Probe):
+    metadata = {"autoreset_mode": gym.vector.AutoresetMode.NEXT_STEP}
+
+
+@pytest.mark.parametrize("envs, said", [
+    (Torques, r"\[0, 1\]"), (Buttons, r"\[0, 1\]"), (partial(Later, play=wander), "SAME_STEP"),
+])  # fmt: skip
+def test_a_task_that_cannot_be_learned_here_is_refused_in_one_line(envs, said):
+    with pytest.raises(InputError, match=rf"\A.*{said}.*\Z"):
+        train(QUICK, envs, HERE, 64)
+    assert not contents()
 
 
 def test_stage_5_can_evaluate_a_training_that_still_runs_and_knows_in_what():

@@ -214,11 +214,6 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     row = evaluate.time_ratio(ours, theirs)
     assert row["goals"] == 2, "goals that both reached: a fall's time is none of a fast success"
     close(row["time_ratio"], 0.5, "mean time / mean time of the reference")
-    close(
-        row["time_ratio_ci95"],
-        0.5,
-        "paired: a goal's difficulty cancels out, resample goals, not times",
-    )
     far_ones = evaluate.time_ratio(
         trials(["success"] * 4, [5, 30, 40, 8]), trials(["success"] * 4, [10, 20, 40, 10])
     )
@@ -230,6 +225,18 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     )
     fell, reached = trials(["fall"], [1]), trials(["success"], [10])
     assert evaluate.time_ratio(fell, reached) == {}, "no goal in common: no ratio"
+
+
+def test_time_ratio_has_an_interval_from_twenty_goals_on():
+    times = default_rng(0).uniform(5, 30, 20)
+    for n in (1, 19, 20):
+        ours, theirs = (trials(["success"] * n, own[:n]) for own in (times / 2, times))
+        row = evaluate.time_ratio(ours, theirs)
+        close(row["time_ratio"], 0.5, "it does not need so many")
+        hint = "of few goals the resamples are alike, and the interval would be too narrow: None"
+        assert (row["time_ratio_ci95"] is None) == (n < 20), f"{n} goals: {hint}"
+    hint = "paired: a goal's difficulty cancels out, resample goals, not times"
+    close(row["time_ratio_ci95"], 0.5, hint)
 
 
 def test_time_ratio_s_bootstrap_is_that_of_theory():
@@ -287,13 +294,17 @@ def test_summary_counts_episodes_and_times_successes():
 def test_table_has_the_paper_s_rows_below_ours():
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0)]
     key = ["success"] * 3 + ["fall"]
-    runs = {
-        ("policy", True, 1.0): trials(key, [3, 8, 12, 1]),
-        ("b", True, 1.0): trials(key, [10, 10, 10, 9]),
-        ("policy", False, 1.0): trials(key, [1, 1, 1, 1]),  # another noise: compared with none
-    }
 
-    text = evaluate.table(rows, evaluate.compare(runs))
+    def pairs(times):  # of 3 times as many goals to which both came
+        return evaluate.compare(
+            {
+                ("policy", True, 1.0): trials(key * times, [3, 8, 12, 1] * times),
+                ("b", True, 1.0): trials(key * times, [10, 10, 10, 9] * times),
+                ("policy", False, 1.0): trials(key, [1, 1, 1, 1]),  # another noise: with none
+            }
+        )
+
+    text = evaluate.table(rows, pairs(7))
     assert len(max(text.splitlines(), key=len)) <= 100, "it fits into a terminal of 100 columns"
     parts = re.sub(" +", " ", text).strip().split("\n\n")  # columns are aligned
     said, (near, far, (pair,)) = parts[::2], [part.splitlines()[2:] for part in parts[1::2]]
@@ -305,9 +316,12 @@ def test_table_has_the_paper_s_rows_below_ours():
     ]
     assert far == [f"| policy | {told}"], "Table II has no such row"
     assert said[1] == "Goals: σ 1.0 m; noise: yes"
-    assert pair == "| σ 1.0 m | yes | b | 0.767 [0.300, 1.200] | 0.667, 0.333 | 0, 0 | 1.000 |", (
-        "goal by goal 0.3, 0.8, 1.2: two of three are faster, one is slower; both fell in the fourth"
-    )
+    low, high = pairs(7)[0]["time_ratio_ci95"]
+    interval = f"[{low:.3f}, {high:.3f}]"
+    want = f"| σ 1.0 m | yes | b | 0.767 {interval} | 0.667, 0.333 | 0, 0 | 1.000 |"
+    hint = "goal by goal 0.3, 0.8, 1.2: two of three are faster, one is slower; both fell in the fourth"
+    assert pair == want, hint
+    assert want.replace(interval, "[nan, nan]") in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
     assert "Time: mean of" not in evaluate.table(rows, []), "no empty table"
     exact = evaluate.table([row_of("policy", False, 0.5)], [])
     assert " 0.980 " in exact and "11.13" in exact, "Table II without noise"
@@ -586,6 +600,20 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     assert (last.path.name, last.lineno) == ("mine.py", LINE), "where it was raised"
 
 
+@pytest.mark.parametrize("end", [
+    lambda code: code + "import sys\nsys.exit()",
+    lambda code: code + "import argparse\nargparse.ArgumentParser().error('no such flag')",
+    lambda code: code.replace("        pass", "        raise SystemExit"),
+    lambda code: code.replace("        return", "        exit(0)\n        return"),
+], ids=["its end", "its main()", "reset", "act"])  # fmt: skip
+def test_a_planner_that_ends_python_is_one_line(short_trials, end):
+    path = own_planner("mine.py")
+    path.write_text(end(path.read_text("utf-8")), "utf-8")
+    with pytest.raises(robot_model.InputError, match=r"\Amine\.py: .*exit.*\Z"):
+        call("--planner", path, "--episodes", 1)
+    assert not Path("out/table.md").exists()
+
+
 def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
     second = save_untrained(Path("mine.pt"))
     line = "actions[:, [0, 3]] += 0.3"  # it walks past the second goal
@@ -601,6 +629,7 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
     plot_footsteps(*short_trials[0])
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
     assert (content["sim"], content["policy"][1]) == ("pymunk", "mine.pt")
+    assert content["ratios"][0]["time_ratio_ci95"] is None, "of two goals"
     others = [row["reference"] for row in content["ratios"]]
     assert others == ["mine", "baseline_tuned", "baseline"], (
         "the policy is compared with all others that reached one of its goals"

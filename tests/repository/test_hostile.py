@@ -1,6 +1,8 @@
 """Hard to break: bodies, consoles, surroundings and ends of a process that nobody would wish for."""
 
 import io
+import multiprocessing
+import os
 import shlex
 import subprocess
 import sys
@@ -35,6 +37,38 @@ def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp
         assert np.isfinite(envs.world.simulator.state).all()
     assert capfd.readouterr() == ("", ""), "a simulator wrote to the terminal"
     assert not list(tmp_path.iterdir()), "a simulator wrote a file"
+
+
+IMPOSSIBLE = """
+import sys
+from dataclasses import replace
+from importlib import import_module
+
+env = import_module("03_env")
+model = env.robot_model
+robot = model.RobotModel()
+settings = [{"spread": env.Spread(mass=5.0)}]
+for number in map(float, ("-1", "nan", "inf")):
+    settings += (
+        {"robot": replace(robot, foot=replace(robot.foot, mass=number))},
+        {"robot": replace(robot, torso=replace(robot.torso, inertia=(number,) * 3))},
+        {"robot": replace(robot, friction=number), "spread": env.Spread(friction=0.0)},
+        {"robot": replace(robot, planar_iterations=number)},
+    )
+for setting in settings:
+    try:
+        env.FootstepVectorEnv(64, sys.argv[1], **setting).reset(seed=0)
+    except (model.InputError, ValueError) as error:
+        print(error)
+print("alive")
+"""
+
+
+@BOTH
+def test_an_impossible_body_ends_no_python(sim):
+    """A failed assertion in C would take a notebook's memory with it."""
+    done = python("-c", IMPOSSIBLE, sim)
+    assert done.stdout.endswith("alive\n"), done.stdout + done.stderr
 
 
 def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
@@ -83,9 +117,32 @@ def test_the_backend_of_a_notebook_may_be_missing():
 
 
 def test_an_import_changes_nothing_in_its_surroundings():
-    code = "import os; before = {**os.environ}; __import__('01_robot_model'); assert os.environ == before"
+    code = (
+        "import os, torch; torch.set_num_threads(2); before = {**os.environ}; __import__('05_evaluate'); "
+        "assert (os.environ, torch.get_num_threads()) == (before, 2)"
+    )
     done = python("-c", code, MPLBACKEND="agg")
     assert done.returncode == 0, done.stderr
+
+
+def walk_in_3d(count):
+    envs = env.FootstepVectorEnv(count, "mujoco")
+    envs.reset(seed=0)
+    envs.step([envs.neutral_action] * count)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # Python 3.12: "may lead to deadlocks"
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_forked_process_walks_in_3d(count):
+    """As those of AsyncVectorEnv. A fork copies no threads, so nobody must wait for MuJoCo's."""
+    walk_in_3d(4)
+    child = multiprocessing.get_context("fork").Process(target=walk_in_3d, args=(count,))
+    child.start()
+    child.join(30)
+    code = child.exitcode
+    child.kill()
+    assert code == 0, f"{code}: None means that it still waits"
 
 
 @pytest.mark.slow

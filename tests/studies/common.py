@@ -203,7 +203,7 @@ def cell(row, key, digits):
     if isinstance(value, (str, int)):
         return str(value)
     text = f"{value:.{digits}f}"
-    if f"{key}_ci95" in row:
+    if row.get(f"{key}_ci95"):  # of few pairs there is none
         low, high = row[f"{key}_ci95"]
         text += f" [{low:.{digits}f}, {high:.{digits}f}]"
     return text

@@ -361,7 +361,7 @@ def time_ratio(trials, reference):
     return {
         "goals": len(a),
         "time_ratio": ratio(a, b),
-        "time_ratio_ci95": [*bootstrap(drawn, a, b)],
+        "time_ratio_ci95": [*bootstrap(drawn, a, b)] if len(a) >= 20 else None,
         "faster": np.mean(a < b),
         "slower": np.mean(a > b),
     }
