@@ -29,10 +29,13 @@ def test_an_extreme_body_falls_and_nothing_else_happens(sim, extreme, capfd, tmp
     envs = env.FootstepVectorEnv(8, sim, noise=True, robot=robot)
     dice = np.random.default_rng(0)
     envs.reset(seed=0)
+    falls = 0
     for _ in range(8):
-        seen, reward, *_ = envs.step(dice.random((8, 6)))
+        seen, reward, *_, infos = envs.step(dice.random((8, 6)))
+        falls += infos["fall"].sum()
         assert np.isfinite(reward).all() and envs.observation_space.contains(seen)
         assert np.isfinite(envs.world.simulator.state).all()
+    assert falls, "the test should see falls"
     assert capfd.readouterr() == ("", ""), "a simulator wrote to the terminal"
     assert not list(tmp_path.iterdir()), "a simulator wrote a file"
 

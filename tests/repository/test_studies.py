@@ -381,6 +381,7 @@ def test_where_no_cluster_is_is_said_before_ray_begins_to_wait(monkeypatch, addr
 @pytest.mark.slow
 def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
     """In processes of their own, since Ray leaves processes behind in this one."""
+    pytest.importorskip("ray", reason="only the study `cluster` needs it")
     actors = ["tests/studies/cluster.py", "--only", "train", "--actors", "3"]
     models = []
     for folder, (script, *flags) in {"alone": ["04_ppo.py"], "three": actors}.items():
