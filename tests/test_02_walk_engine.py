@@ -400,7 +400,8 @@ def test_a_walk_is_that_of_the_body_and_of_the_robot_that_are_given(sim):
     walk = partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim], [[WALKS["forward"]] * 2])
     ice = replace(robot_model.Body.as_model(ROBOT, 1), friction=0.1)
     (usual, *_), (slips, *_) = walk(), walk(body=ice)
-    assert abs(usual - slips).max() > 0.001, "`body` reaches nobody: on ice the robot slips"
+    apart = np.abs(usual - slips).max()  # [m]
+    assert apart > 0.001, "`body` reaches nobody: on ice the robot slips"
     equal(walk(robot=replace(ROBOT, friction=0.1))[0], slips, "`robot` is another one than ours")
 
 
@@ -434,7 +435,8 @@ def test_a_plan_that_is_followed_is_drawn_twice_at_the_same_place(monkeypatch):
     walk_engine.plot_plan(engine, plan, motion, "")
     for axes in shown[0].axes:
         *lines, _ = axes.lines  # the last one is the middle of the double step
-        assert [line.get_linestyle() for line in lines] == ["-"] * 3 + ["--"] * 3
+        styles = [line.get_linestyle() for line in lines]
+        assert styles == ["-"] * 3 + ["--"] * 3, "solid as planned, dashed as measured"
         for wished, measured in zip(lines[:3], lines[3:]):
             hint = "the measured curve is that of the plan, from its first tick on"
             close(measured.get_xydata(), wished.get_xydata()[1:], hint)

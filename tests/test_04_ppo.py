@@ -371,6 +371,8 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
             "value_loss": ((model.value(obs) - target) ** 2).mean(),
         }
     assert got.keys() == want.keys()
+    hint = "the deviation of a minibatch of one sample is 0, not nan: std(correction=0)"
+    assert np.isfinite([*got.values()]).all(), hint
     for name, number in want.items():
         hint = (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
