@@ -130,6 +130,8 @@ def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
     want = np.exp((alpha - 1) * np.log(x) + (beta - 1) * np.log(1 - x) + norm)
     hint = "α = 1 + (c − 2)·m, β = 1 + (c − 2)·(1 − m)"
     close(density(model_with([alpha], [beta]), x[:, None]), want, hint, rtol=1e-9)
+    both = density(model_with([alpha, alpha], [beta, beta]), np.stack([x, x], -1))
+    close(both, want**2, "of two numbers: the SUM of their log-probabilities", rtol=1e-9)
 
 
 def test_the_decision_is_the_mode():
