@@ -729,8 +729,9 @@ def main(argv=None):
     try:
         run(args)
     except SystemExit as error:
-        files = " ".join(map(str, [*args.planner, args.robot or ""]))
-        raise InputError(f"{files}: ends Python (exit()? main() without a guard?)") from error
+        files = filter(None, [*args.planner, args.robot])
+        reason = "ends Python, by exit() or by a main() without a guard"
+        raise InputError(f"{', '.join(map(str, files))}: {reason}") from error
 
 
 def run(args):

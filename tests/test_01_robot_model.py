@@ -224,7 +224,7 @@ def test_leg_inverse_undoes_forward(robot):
     wrong = ~np.isclose(got, joints, rtol=0, atol=1e-6).all(0)  # [6] hip 0, 1, 2; knee 3; ankle
     names = np.array(robot_model.JOINTS)
     cause = (
-        "does the knee bend the other way?"
+        "is the axis of hip pitch hip_x AHEAD of the hip, and does the knee bend the other way?"
         if wrong[3]
         else "is an arctan2 of the ankle turned round, or r not in the foot's frame, Rᵀ·(−p)?"
         if wrong[4:].any()
@@ -433,19 +433,6 @@ def test_robot_falls_when_its_centre_of_mass_passes_its_toes(sim):
 
 
 @BOTH
-def test_fall_of_a_motion_follows_the_criterion_at_every_tick(sim):
-    plan = leaning(sim, np.linspace(0.15, 0.4, 8), 0.5)
-    motion = run(make_sim(sim, 8), plan)
-    down = robot_model.fallen(motion.torso, stance(sim)[0][2])  # [N, T]
-    assert down.any() and not down.all(1).any(), "the test should see robots up and down"
-    equal(motion.fell, down.any(1), "half the standing height, or 45°, at any control tick")
-    simulator = make_sim(sim, 8)
-    for tick in range(plan.ticks):
-        piece = run(simulator, Moving(plan.joints[:, tick : tick + 2]))
-        equal(piece.fell, down[:, tick], "a fall is seen when it comes, not earlier")
-
-
-@BOTH
 def test_a_robot_whose_plan_is_done_keeps_its_state(sim):
     """And goes on from there, with what it chose last."""
     simulator, plan = make_sim(sim, 2), leaning(sim, [0.2, 0.2], 0.3)
@@ -617,7 +604,8 @@ def test_mujoco_motors_keep_torque_and_speed_limits():
 
 def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own():
     simulator, body, like = make_sim("mujoco", 3), bodies(2), nominal()
-    simulator.reset([2, 0], body)
+    for _ in range(2):  # factors must not pile up from reset to reset
+        simulator.reset([2, 0], body)
     equal(simulator.models[1].body_mass, like.body_mass, "robot 1 shares what others drew")
 
     def drawn(name):
@@ -780,6 +768,16 @@ def test_a_copy_of_standing_robots_moves_like_its_original(sim, copied):
     twin = copied(simulator)
     got, want = (ends(run(one, leaning(sim, [0.1, 0.2], 0.3))) for one in (twin, simulator))
     close(got, want, "a part of the copy stands elsewhere, or moves what the original has")
+
+
+def test_a_robot_is_painted_from_the_farthest_limb_to_the_nearest_one():
+    axes, (torso, joints) = robot_model.Figure().subplots(), stance("mujoco")
+    from_its_right = robot_model.camera_at(-90, 0)
+    robot_model.draw_robots(axes, ROBOT, torso[None], joints[None], from_its_right)
+    colors = [patch.get_facecolor() for patch in axes.patches]
+    legs = [red > blue for red, _, blue, _ in colors if abs(red - blue) > 0.1]  # the trunk is grey
+    hint = "first the left leg, blue, in front of it the right one, orange: thigh, shin, foot"
+    assert legs == [False] * 3 + [True] * 3, hint
 
 
 def test_without_out_everything_goes_below_the_simulators_folder_in_runs(tmp_path, monkeypatch):

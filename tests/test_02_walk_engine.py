@@ -16,6 +16,7 @@ walk_engine = import_module("02_walk_engine")
 ROBOT = robot_model.RobotModel()
 
 
+WALKS = walk_engine.WALKS
 LAW = replace(walk_engine.TUNED["mujoco"], capture=0.8, usual_lean=0.03, follow=0.25, fade=0.1,
               wait=8.0, late_lean=0.05, trunk_height=0.4)  # fmt: skip
 
@@ -72,7 +73,13 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
     torso, joints = engine.stance
     torso[0] += engine.parameters.trunk_x_offset  # where the simulator's frame begins
     close(plans[0].trunk[0, 0], torso, "as the robot stands")
-    close(planned(engine, plans[0])[0], joints, "as the robot stands")
+    hint = "as the robot stands: its trunk is trunk_x_offset AHEAD of its feet"
+    close(planned(engine, plans[0])[0], joints, hint)
+    steady = make_engine(sim)
+    for _ in range(3):
+        plan = steady.plan([[[0.08, 0, 0]] * 2], [0])
+    hint = "equal double steps: the trunk keeps its speed, and expects no stop after them"
+    close(np.diff(plan.trunk[0, :, 0], 2), 0, hint)
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
@@ -367,38 +374,73 @@ def test_it_walks_what_is_commanded(sim):
 def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     plans = np.tile([0.05, 0, 0.1], (3, 5, 2, 1))
     plans[1, 1:] = [0.4, 0, 0]
-    asked, seen, walk = [], [], partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim])
+    asked, seen, ends = [], [], []
+    walk = partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim])
+
+    def watch(engine, plan, motion):
+        seen.append([*plan.robots])
+        ends.append(motion.torso[0, -1, robot_model.GROUND])
+
     poses, wanted, fall = walk(
-        plans,
-        disturb=lambda k, disturbance, robots: asked.append([*robots]),
-        watch=lambda engine, plan, motion: seen.append([*plan.robots]),
+        plans, disturb=lambda k, disturbance, robots: asked.append([*robots]), watch=watch
     )
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: it should fall"
     k = fall[1] + 1
     up = [[0, 1, 2]] * k + [[0, 2]] * (5 - k)
     assert asked == up, "disturb is told who is up"
     assert seen == up, "watch sees every double step of those"
+    close(poses[0, 1:], ends, "where the robot stands, and not where it should")
     assert (poses[1, k:] == poses[1, k]).all(), "a walk ends with its fall"
     for got, want in zip((poses, wanted, fall), walk(plans[[0, 2]])):
         equal(got[[0, 2]], want, "a fall changes another walk")
 
 
 @BOTH
+def test_a_walk_is_that_of_the_body_and_of_the_robot_that_are_given(sim):
+    walk = partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim], [[WALKS["forward"]] * 2])
+    ice = replace(robot_model.Body.as_model(ROBOT, 1), friction=0.1)
+    (usual, *_), (slips, *_) = walk(), walk(body=ice)
+    apart = np.abs(usual - slips).max()  # [m]
+    assert apart > 0.001, "`body` reaches nobody: on ice the robot slips"
+    equal(walk(robot=replace(ROBOT, friction=0.1))[0], slips, "`robot` is another one than ours")
+
+
+@BOTH
 def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
-    walk, speed = walk_engine.TUNED[sim], 0.9 if sim == "pymunk" else 0.6
-    tilts, fell = walk_engine.pushed(sim, walk, speed)
-    blind, blind_fell = walk_engine.pushed(sim, replace(walk, reflex=0.0), speed)
+    walk = replace(walk_engine.TUNED[sim], capture=0.0, wait=0.0)
+    speed, count = 1.0 if sim == "pymunk" else 0.7, 6
+    tilts, fell = walk_engine.pushed(sim, walk, speed, count)
+    blind, blind_fell = walk_engine.pushed(sim, replace(walk, reflex=0.0), speed, count)
     calm, calm_fell = walk_engine.pushed(sim, walk, 0.0, count=2)
-    assert not calm_fell.any() and len(calm[0]) >= 12 * walk.half_ticks, "six double steps"
+    assert not calm_fell.any(), "without a push nobody falls: is a sign of the reflex wrong?"
+    assert len(calm[0]) >= 12 * walk.half_ticks, "six double steps"
     equal(calm[0], calm[1], "without a push all walk alike")
     same = [sum(np.isclose(a, b, 0, 1e-9) for a, b in zip(one, calm[0])) for one in tilts]
-    assert len({*same}) == 12, f"each is pushed at another moment: {same}"
+    assert len({*same}) == count, f"each is pushed at another moment: {same}"
     hint = f"all in the second double step, k = 1: {same}"
     assert min(same) >= 2 * walk.half_ticks and max(same) < 4 * walk.half_ticks, hint
     falls, blind_falls = fell.sum(), blind_fell.sum()
+    assert blind_falls, "without the reflex nobody falls: is the push too weak?"
     assert falls < blind_falls, f"{falls} fall with the reflex, {blind_falls} without it"
     with_it, without = (np.median([max(one) for one in robots]) for robots in (tilts, blind))
     assert with_it < without, f"median of the largest tilts: {with_it:.3f} and {without:.3f} rad"
+
+
+def test_a_plan_that_is_followed_is_drawn_twice_at_the_same_place(monkeypatch):
+    shown = []
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: shown.append(figure))
+    engine = make_engine("mujoco")
+    plan = engine.plan([WALKS["forward"]], [0])
+    torso = plan.trunk[:, 1:] - [engine.parameters.trunk_x_offset, 0, 0, 0, 0, 0]
+    motion = robot_model.Motion(torso, planned(engine, plan)[None, 1:], [False], [plan.ticks])
+    walk_engine.plot_plan(engine, plan, motion, "")
+    for axes in shown[0].axes:
+        *lines, _ = axes.lines  # the last one is the middle of the double step
+        styles = [line.get_linestyle() for line in lines]
+        assert styles == ["-"] * 3 + ["--"] * 3, "solid as planned, dashed as measured"
+        for wished, measured in zip(lines[:3], lines[3:]):
+            hint = "the measured curve is that of the plan, from its first tick on"
+            close(measured.get_xydata(), wished.get_xydata()[1:], hint)
 
 
 def test_highest_speed_ignores_everything_beyond_the_first_fall():

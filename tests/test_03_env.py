@@ -63,6 +63,11 @@ def related(noise):
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_finds_nothing_to_complain_about(sim):
     one = gym.make("Footsteps-v0", sim=sim, render_mode="rgb_array")
+    walks = []
+    for _ in range(2):
+        seen, _ = one.reset(seed=3)
+        walks.append([seen, one.step(np.full(6, 0.6, np.float32))[0]])
+    equal(*walks, "the same seed, and another walk: a reset keeps something of the last one")
     check_env(one.unwrapped)
     one.reset(seed=3)
     before = one.render()
@@ -84,6 +89,7 @@ def test_a_vector_keeps_the_conventions_of_gymnasium():
     assert "final_info" in infos[0], "the info of what has ended, too"
     pictures = envs.render()
     assert [picture.shape for picture in pictures] == [(400, 400, 3)] * 2, "one for every robot"
+    assert (pictures[0] != pictures[1]).any(), "each shows its own robot and goal"
 
 
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
@@ -113,7 +119,8 @@ def test_robots_together_equal_robots_alone(sim, n, law):
             for name, values in final.items():
                 equal(values[ended], own["final_info"][name][ended], name)
             fell.update(final["fall"][ended])
-    assert fell == {True, False}, "the test should see resets after falls and after time-outs"
+    hint = "the test should see resets after falls (does a push reach the robot?) and time-outs"
+    assert fell == {True, False}, hint
 
 
 def test_goal_is_encoded_as_in_the_table():
@@ -144,7 +151,7 @@ def test_the_last_two_actions_are_observed():
     one.reset(seed=0)
     neutral = one.world.neutral_action
     small = neutral + [0.05, 0, 0, 0, 0.02, 0]
-    close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1)
+    close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, "newest first")
     close(one.step(neutral)[0][8:], np.r_[neutral, small] * 2 - 1, "newest first")
     for much in (9, -9):  # a list
         seen = one.step([much] * 6)[0][8:14]
@@ -432,16 +439,25 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(sim):
         world.estimate[:], world.covariance[:] = world.relative_goal(envs.robots), 0
         world.step(rng.random((3, 6)), envs.robots)
         close(world.estimate, world.relative_goal(envs.robots), "from trunk to trunk, as planned")
-        close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2)
+        hint = "of what was known for sure only the drift of a double step is unknown"
+        close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2, hint)
     del world.measure
-    equal(envs.reset(seed=0, options=settings)[0], first, "to the bit: a new episode knows nothing")
+    world.covariance[:] = 0
+    world.measure(envs.robots)
+    hint = "an estimate is more than the last measurement: what is known for sure stays as it is"
+    close(world.estimate, world.relative_goal(envs.robots), hint)
+    again, _ = envs.reset(seed=0, options=settings)
+    equal(again, first, "a new episode knows nothing of the last one")
+
+
+HEAVY = replace(ROBOT, torso=replace(ROBOT.torso, mass=5.0))
 
 
 @cache
 def disturbances(sim):
     """What 100 robots meet in 24 double steps: pushes [N] and errors of the IMU, [24, 100, T, ...]
     each; and their world."""
-    world, robots = FootstepWorld(100, sim, push=0.4), np.arange(100)
+    world, robots = FootstepWorld(100, sim, push=0.4, robot=HEAVY), np.arange(100)
     told = follow(world, np.zeros((100, 3)))
     world.reset(robots, [stream("training", i) for i in robots])
     for _ in range(24):
@@ -456,7 +472,7 @@ def test_pushes_come_by_chance_and_from_everywhere(sim):
     size = np.hypot(*np.moveaxis(rows, -1, 0))  # [2400, T] [N]
     pushed = size.any(1)
     close(pushed.mean(), world.engine.period / TASK.push_every, "every 3 s", atol=0.03)
-    force = ROBOT.torso.mass * 0.4 / 0.05  # F = m·Δv / t, t = five ticks of 10 ms
+    force = 5.0 * 0.4 / 0.05  # F = m·Δv / t, m: HEAVY's torso; t = five ticks of 10 ms
     first = size[pushed].argmax(1)
     since = np.arange(size.shape[1]) - first[:, None]
     during = (since >= 0) & (since < 5)
@@ -473,13 +489,13 @@ def test_pushes_come_by_chance_and_from_everywhere(sim):
 
 
 def test_all_robots_can_be_pushed_as_a_double_step_begins():
-    world = FootstepWorld(2)
+    world = FootstepWorld(2, robot=HEAVY)
     world.reset([0, 1])
     told = follow(world, np.zeros((2, 3)))
     world.step(np.full((2, 6), 0.5), [0, 1], push=(0.3, -0.2))
     want = np.zeros_like(told[0].push)
-    want[:, :5] = ROBOT.torso.mass / 0.05 * np.array([0.3, -0.2])
-    close(told[0].push, want, "for five ticks, and no longer")
+    want[:, :5] = 5.0 / 0.05 * np.array([0.3, -0.2])
+    close(told[0].push, want, "this robot's torso, for five ticks, and no longer")
 
 
 def test_the_imu_has_noise_of_its_own_at_every_tick():
@@ -582,13 +598,13 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(change, ma
 
 
 def test_a_view_shows_what_was_measured_and_nothing_of_the_truth():
-    """Floor, body, pose and goal differ, and all the rest is alike: so must be the views."""
-    goals, views, robots = np.array([[0.4, -0.1, 0.5]] * 3), [], np.arange(3)
+    """Floor, body, pose and goal differ, and what is estimated is alike: so must be the views."""
+    goals, views = np.array([[0.4, -0.1, 0.5]] * 3), []
     for far in 0, 5:
-        world = FootstepWorld(3)
-        world.reset(robots)
+        world = FootstepWorld(3, noise=True)
+        world.reset(np.arange(3))
         world.simulator.state[:, robot_model.GROUND] += far
-        world.set_goal(robots, robot_model.compose(world.pose, goals))  # as seen, the same
+        world.estimate[:] = goals
         views.append(vars(world.view([2, 1])))
         assert views[-1].pop("limits") == world.limits
     for name, shown in views[1].items():
@@ -621,7 +637,7 @@ CHANGES = {  # a student's first change of a number, in both simulators
     "the walk": {"foot_rise": 0.03},
     "a slower walk": {"half_ticks": 35},
     "no choice sideways": {"limits": env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.4))},
-    "the spread": {"spread": Spread(mass=0.3, delay=0)},
+    "the spread": {"spread": Spread(mass=0.3, delay=0), "drift": (0.1, 0.1, 0.1)},
 }
 
 
@@ -634,7 +650,12 @@ def test_whoever_changes_a_number_can_walk(sim, change):
     world, robots = FootstepWorld(4, sim, **settings), np.arange(4)
     world.reset(robots, [stream("training", 1, i) for i in robots], [[0.5, 0.1, 0.3]] * 4)
     for _ in range(4):
-        result = world.step(env.hand_written(world.view(robots).goal, world.limits), robots)
+        view = world.view(robots)
+        result = world.step(env.hand_written(view.goal, world.limits), robots)
+    period = 0.02 * settings.get("walk", walk_engine.TUNED[sim]).half_ticks
+    close(view.period, period, "a planner is told how long a double step of this walk takes")
+    assert world.drift == settings.get("drift", env.DRIFT[sim]), "what the filter expects"
+    assert view.limits == settings.get("limits", env.LIMITS[sim]), "and what it may command"
     assert not result["fall"].any(), f"{change}: it should walk with other numbers, too"
     assert (world.pose[:, 0] > 0.15).all(), f"{change}: it should come nearer, {world.pose}"
 
@@ -642,11 +663,11 @@ def test_whoever_changes_a_number_can_walk(sim, change):
 def test_a_misspelt_setting_or_option_is_an_error():
     with pytest.raises(TypeError, match="nois"):
         gym.make("Footsteps-v0", nois=True)
-    said = r"\Ano row for simulator 'bullet' in "
-    with pytest.raises(robot_model.InputError, match=said + r"SIMULATORS, TUNED, LIMITS, DRIFT\Z"):
+    said = r"\Asimulator 'bullet' needs a row in SIMULATORS, TUNED, LIMITS and DRIFT\Z"
+    with pytest.raises(robot_model.InputError, match=said):
         FootstepWorld(1, "bullet")
     with mock.patch.dict(robot_model.SIMULATORS, bullet=None):
-        with pytest.raises(robot_model.InputError, match=said + r"TUNED, LIMITS, DRIFT\Z"):
+        with pytest.raises(robot_model.InputError, match=said):
             FootstepWorld(1, "bullet")
     one = env.FootstepEnv()
     one.render()  # before the first reset, too
@@ -709,13 +730,15 @@ def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
     away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    # Robots 0 and 2 have time for more, but robot 2 waits for long, and others wait, too.
+    # Robots 0 and 2 have time for more, but robot 2 waits for long, and others wait, too. Robot 0
+    # waits as long as it may: another double step just fits in.
     world.ticks[:] = began = usual * np.subtract(whole, [3, 1, 2, 1, 1])
-    waits = np.array([2, 3, usual, 8, 1])
+    most = round((limit - longest) / 0.01) - usual * (whole - 1)
+    waits = np.array([most, 3, usual, 8, 1])
     world.in_a_row[3], world.arrival[3] = 1, began[3]
     follow(world, [away, away, goal, goal, goal], want == "fall", waits)
     _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
-    hint = "a time-out truncates: stage 4 bootstraps there, and not after a fall"
+    hint = "it truncates where no double step fits in: stage 4 bootstraps there, not after a fall"
     equal(truncated, want == "timeout", hint)
     equal(terminated, np.isin(want, ("success", "fall")), hint)
     for mask in ("_final_obs", "_final_info"):
@@ -727,3 +750,33 @@ def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
     time = 0.01 * np.where(want == "success", began, ended)
     close(final["time"], time, "[s], also of a double step that waits; a success was there before")
     equal(world.ticks, ended * (want == ""), "waiting takes time; the next episode begins with 0")
+    equal(world.steps, want == "", "so does the count of double steps")
+
+
+def test_the_hand_written_planner_turns_to_a_far_goal_and_like_a_near_one():
+    limits = env.LIMITS["pymunk"]
+    goals = np.array([[0.1, -0.06, 0.2], [0.0, 3.0, -0.2]])
+    near, far = env.to_footsteps(env.hand_written(goals, limits), limits)
+    hint = "near: like the goal; both feet share it, and to the right the right foot leads"
+    close(near, [[0.05, 0, 0.1], [0.05, 0.06, -0.1]], hint)
+    close(far, [[0, 0.07, 0.15], [0, 0, -0.15]], "far: to the goal's place, to the left")
+
+
+def test_the_figure_of_rewards_shows_sums_and_centimetres(monkeypatch):
+    shown = []
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: shown.append(figure))
+    env.plot_rewards({"r_d": np.array([1.0, 2.0, 4.0])}, np.array([[0.05, 0.03]] * 2), "")
+    curves, estimate = shown[0].axes
+    close(curves.lines[0].get_ydata(), [0, 1, 3, 7], "the sum of rewards so far, at first 0")
+    close(estimate.lines[0].get_ydata(), [5, 3], "cm")
+
+
+def test_another_seed_of_the_demonstration_is_another_walk(monkeypatch, tmp_path):
+    reset = mock.Mock(side_effect=KeyboardInterrupt)
+    monkeypatch.setattr(FootstepVectorEnv, "reset", reset)
+    for seed in "0", "1":
+        monkeypatch.setattr("sys.argv", ["03_env.py", "--seed", seed, "--out", str(tmp_path)])
+        with pytest.raises(KeyboardInterrupt):
+            env.main()
+    one, other = reset.mock_calls
+    assert one != other, "--seed reaches no robot"

@@ -131,14 +131,8 @@ def test_log_prob_of_the_policy_is_that_of_its_beta_distribution(alpha, beta):
     want = np.exp((alpha - 1) * np.log(x) + (beta - 1) * np.log(1 - x) + norm)
     hint = "α = 1 + (c − 2)·m, β = 1 + (c − 2)·(1 − m)"
     close(density(model_with([alpha], [beta]), x[:, None]), want, hint, rtol=1e-9)
-
-
-def test_joint_log_prob_is_that_of_independent_numbers():
-    x = default_rng(0).uniform(0.05, 0.95, (100, 4))
-    alone = [density(model_with([a], [b]), x[:, [k]]) for k, (a, b) in enumerate(SHAPES)]
-    together = density(model_with(*zip(*SHAPES)), x)
-    hint = "the SUM of log-probabilities (not the mean); the first number has the first α and β"
-    close(together, np.prod(alone, 0), hint)
+    both = density(model_with([alpha, alpha], [beta, beta]), np.stack([x, x], -1))
+    close(both, want**2, "of two numbers: the SUM of their log-probabilities", rtol=1e-9)
 
 
 def test_the_decision_is_the_mode():
@@ -220,13 +214,13 @@ class Probe(gym.vector.VectorEnv):
     def reset(self, seed=None, options=None):
         self.rng = default_rng(seed)
         self.obs = self.first()
-        return self.obs, {}
+        return self.obs.copy(), {}
 
     def step(self, action):
         after, reward, terminated, truncated = self.play(self.obs.copy(), action)
         done = terminated | truncated
         infos = {"final_obs": after, "_final_obs": done, "final_info": {}} if done.any() else {}
-        # One array for all observations: who wants to keep one has to copy it.
+        # One array for the observations of all steps: who wants to keep one has to copy it.
         self.obs[:] = np.where(done[:, None], self.first(), after)
         return self.obs, reward, terminated, truncated, infos
 
@@ -303,14 +297,14 @@ def test_numbers_that_are_not_finite_stop_the_training(play, cfg):
     assert not (HERE / "policy.pt").exists(), "a policy of nan must not be written"
 
 
-def test_collected_observations_are_followed_by_what_really_followed():
+@pytest.mark.parametrize("dtype", ["float32", "float64"])  # some tasks of Gymnasium have this
+def test_collected_observations_are_followed_by_what_really_followed(dtype):
     def play(obs, action):  # counts; ends beyond 3: robot 0 by falls, the others by cut-offs
         after = obs + 1
         end, falls = after[:, 0] > 3, np.array([True, False, False])
         return after, after[:, 0], end & falls, end & ~falls
 
-    # some tasks of Gymnasium observe in double precision
-    envs = Probe(3, play, starts=np.linspace(0.01, 0.99, 99))
+    envs = Probe(3, play, starts=np.linspace(0.01, 0.99, 99, dtype=dtype))
     first, _ = envs.reset(seed=0)
     data, last, infos = ppo.collect(ActorCritic(1, 1), envs, first, 10)
     obs, after = data["obs"], data["next_obs"]
@@ -361,7 +355,7 @@ def fresh_model():
 
 
 def test_numbers_to_watch_are_those_at_the_end_of_the_update():
-    cfg = PPOConfig(minibatch=32, epochs=4, gamma=0.9)
+    cfg = PPOConfig(minibatch=127, epochs=8, gamma=0.9)  # and a minibatch of a single sample
     old, model = fresh_model(), fresh_model()
     data = rollout(model)
     got = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), data, cfg)
@@ -380,6 +374,8 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
             "value_loss": ((model.value(obs) - target) ** 2).mean(),
         }
     assert got.keys() == want.keys()
+    hint = "the deviation of a minibatch of one sample is 0, not nan: std(correction=0)"
+    assert np.isfinite([*got.values()]).all(), hint
     for name, number in want.items():
         hint = (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
@@ -433,7 +429,10 @@ def test_the_critic_s_weight_is_value_coef(value_coef):
     cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9, value_coef=value_coef)  # one step
     start, model = fresh_model(), fresh_model()
     data = rollout(model)
-    _, targets, _ = ppo.judge(start, data, cfg)
+    judged = _, targets, _ = ppo.judge(start, data, cfg)
+    assert not any(numbers.requires_grad for numbers in judged), (
+        "advantages, targets and π_old are numbers, which no gradient changes: no_grad"
+    )
     ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1e-2), data, cfg)
     (value_coef * ((start.value(data["obs"]).flatten() - targets) ** 2).mean()).backward()
     hint = "loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half"
@@ -479,25 +478,41 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
 def test_the_learning_rate_falls_to_zero():
     """By a training with another model and another algorithm, which logs what it likes."""
     cfg = replace(SMALL, epochs=1, minibatch=128)
-    rates = []
+    rates, rollouts = [], []
 
     class Mine(ActorCritic):
         """Another model."""
 
     def watched(model, optimizer, data, cfg):
         rates.append(optimizer.param_groups[0]["lr"])
+        rollouts.append(data)
         assert isinstance(model, Mine)
         return {"loss": np.float32(0.5)}
 
-    envs = partial(Probe, play=constant)
-    _, rows = train(cfg, envs, HERE, 4 * 128 + 1, make_model=Mine, improve=watched)
+    _, rows = train(cfg, wandering, HERE, 4 * 128 + 1, make_model=Mine, improve=watched)
     assert [row["steps"] for row in rows] == [128, 256, 384, 512, 640], "whole updates, rounded up"
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
     close(rates, want, "linearly to 0 after the last update, and Adam has to be told")
     close([row["learning_rate"] for row in rows], want)
     assert rows[0].keys() == {"steps", "loss", *EPISODES, "learning_rate"}
     assert type(rows[0]["loss"]) is float, "numbers of numpy could not be read from a checkpoint"
+    for one, other in itertools.pairwise(rollouts):
+        goes_on = ~(one["terminated"] | one["truncated"])[-1]
+        hint = "a rollout goes on where the last one ended"
+        close(other["obs"][0][goes_on], one["next_obs"][-1][goes_on], hint)
     ppo.plot_learning_curve(rows, HERE / "curve.png", "of other columns")
+
+
+def test_the_learning_curve_shows_each_column_below_its_title(monkeypatch):
+    shown = []
+    monkeypatch.setattr(ppo.robot_model, "save_figure", lambda figure, path: shown.append(figure))
+    columns = "success fall time return entropy clip_fraction approx_kl explained_variance timeout"
+    row = {name: k for k, name in enumerate(columns.split())}
+    ppo.plot_learning_curve([row | {"steps": k} for k in range(40)], "", "")
+    titles = "blue: falls time return entropy samples change explained".split()  # their first words
+    for k, (axes, title) in enumerate(zip(shown[0].axes, titles, strict=True)):
+        assert axes.get_title().startswith(title)
+        close(axes.lines[0].get_ydata(), k, f"{title}: the mean of equal numbers is this number")
 
 
 QUICK = PPOConfig(num_envs=4, rollout=16, minibatch=32, epochs=2, hidden=(8,))
@@ -530,23 +545,38 @@ def test_a_stopped_training_goes_on_where_its_last_update_ended():
     cfg, seed = replace(QUICK, epochs=counts[2], hidden=(counts[8],)), counts[3]
     cfg = replace(cfg, learning_rate=rates[0], first_concentration=np.float32(4))
     about = {"limits": env.StepLimits(rates, -rates), "push": rates, "noise": np.bool_(True)}
+    begun = []
+
+    class Seen(Probe):
+        def reset(self, seed=None, options=None):
+            first, infos = super().reset(seed)
+            begun.append((str(first), torch.rand(1).item()))
+            return first, infos
+
+    envs = partial(Seen, **wandering.keywords)
     for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
-        stopped(update, wandering, cfg, seed, resume=done > 3, **about)
+        torch.manual_seed(0)  # as in a process of its own
+        stopped(update, envs, cfg, seed, resume=done > 3, **about)
         assert not (HERE / "policy.pt").exists(), "it is written at the end"
         _, stored = ppo.load_policy(HERE / "checkpoint.pt")
         steps = stored["optimizer"]["state"][0]["step"]
         assert steps == done * 2 * 2, "gradient steps: Adam's state is stored, too"
-    _, rows = train(cfg, wandering, HERE, 7 * 64, seed, resume=True, **about)
+    torch.manual_seed(0)
+    _, rows = train(cfg, envs, HERE, 7 * 64, seed, resume=True, **about)
+    for drawn in zip(*begun):
+        assert len({*drawn}) == 3, "after a stop: other episodes, and other actions to explore"
     assert not (HERE / "checkpoint.pt").exists()
+    assert (HERE / "learning_curve.csv").read_text("utf-8").startswith("steps,"), "names of columns"
     _, found = ppo.load_policy(HERE / "policy.pt")
     limits = {"low": [*rates], "high": [*-rates]}
     plain = {"seed": 3, "push": [*rates], "noise": True, "limits": limits}
     assert found.items() >= plain.items()
-    _, want = train(cfg, wandering, HERE, 7 * 64, seed)
+    _, want = train(cfg, envs, HERE, 7 * 64, seed)
     assert len(rows) == len(want) == 7, "as many updates as without a stop"
     np.testing.assert_equal(rows[:3], want[:3], "what was done before the stop is kept")
     for name in "steps", "learning_rate":
-        assert [row[name] for row in rows] == [row[name] for row in want]
+        hint = f"{name}: after a stop it goes on from where it was"
+        equal([row[name] for row in rows], [row[name] for row in want], hint)
     apart = abs(rows[3]["entropy"] - want[3]["entropy"])
     assert 0 < apart < 0.2, "fresh episodes: not bit for bit the same, but the same networks"
 
@@ -592,6 +622,8 @@ def test_a_file_that_cannot_be_written_is_one_line(name):
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
     with locked(name), pytest.raises(InputError, match=said):
         train(QUICK, wandering, HERE, 2 * 64)
+    hint = "the training is not lost: --resume writes what is missing"
+    assert (HERE / "checkpoint.pt").exists() == (name != "checkpoint.pt"), hint
     with mock.patch("os.replace", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
         ppo.save_policy(HERE / name, ActorCritic(5, 2))
     assert not list(HERE.glob("*.tmp*")), "no half of a file is left"
@@ -637,7 +669,7 @@ def test_a_refused_training_is_one_line_and_changes_no_file():
         {"cfg": replace(QUICK, gamma=0.5)},
         {"noise": True},
     ):
-        refused("no stopped training with these settings; use the same flags", **changes)
+        refused("no stopped training with the same flags", **changes)
     assert contents() == before, "neither the checkpoint nor anything else has changed"
 
 
@@ -719,11 +751,14 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
     ("--mujoco --resume", 250_000, "runs/mujoco"),
     ("--quick --steps 70 --no-noise --out mine", 70, "mine"),
 ], ids=str)  # fmt: skip
-def test_flags_reach_the_training(arguments, steps, out, monkeypatch):
-    called = mock.Mock(side_effect=KeyboardInterrupt)
+def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
+    called = mock.Mock(return_value=(None, []))
     monkeypatch.setattr(ppo, "train", called)
-    with pytest.raises(KeyboardInterrupt):
-        ppo.main([*arguments.split(), "--seed", "5"])
+    monkeypatch.setattr(ppo, "plot_learning_curve", mock.Mock())
+    ppo.main([*arguments.split(), "--seed", "5"])
+    flag = " --mujoco" * ("--mujoco" in arguments)
+    command = f'05_evaluate.py --noise{flag} --policy "{Path(out, "policy.pt")}"\n'
+    assert command in capsys.readouterr().out, "it says how to go on, in the same simulator"
     given = inspect.signature(train).bind(*called.call_args.args, **called.call_args.kwargs)
     make_envs, noise = given.arguments.pop("make_envs"), "--no-noise" not in arguments
     assert given.arguments == {

@@ -56,7 +56,7 @@ def check_picture(path):
      ["a new/one/01_robot.png"]),
     ("01_robot_model.py", ["--mujoco"], "smallest lean of a fall: 0",
      ["here/runs/mujoco/01_robot.png"]),
-    ("02_walk_engine.py", [], "a left turn",
+    ("02_walk_engine.py", [], r"sideways +0\.00 +0\.48[^\n]* no\n",  # commanded, fell
      [f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
     ("03_env.py", [], "distance d.*right yaw, action before.*random: .* [1-9][0-9]* falls.*"
      "hand-written: [1-9][0-9]* episodes at.*r_goal +[1-9]", ["here/runs/pymunk/03_rewards.png"]),
@@ -167,11 +167,12 @@ def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatc
 
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "--seed must be 0 or more"),
-    ("04_ppo.py", "--out a_file/sub", "a_file"),
+    ("04_ppo.py", "--out a_file/sub --steps 1", "a_file"),
     ("04_ppo.py", "--steps 0", "--steps from 1"),
     ("05_evaluate.py", "--episodes 0", "--episodes .* from 1"),
     ("05_evaluate.py", "--jobs 0", "--jobs from 1"),
     ("05_evaluate.py", "--push nan", "--push and --friction from 0"),
+    ("05_evaluate.py", "--push -1 --policy missing.pt", "--push and --friction from 0"),
 ])  # fmt: skip
 def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, arguments, mention):
     (tmp_path / "a_file").touch()  # not a folder
@@ -231,6 +232,7 @@ def numbers(line):
     [
         ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco"], 0.0011),
         ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
+        ("sway", ["02_walk_engine.py --mujoco"], 0.005),
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
         ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
     ],

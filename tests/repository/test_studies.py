@@ -115,7 +115,7 @@ def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, mo
     def step(planner, world, robots, push):
         goals.append(world.goal[0].tolist())
         pushed.append(math.hypot(*push))
-        ended = dict.fromkeys(evaluate.OUTCOMES, [False]) | {"success": [len(goals) % 3 == 0]}
+        ended = {"success": [len(goals) % 3 == 0], "fall": [len(goals) == 11], "timeout": [False]}
         return double_step(planner, world, robots, push) | ended
 
     monkeypatch.setattr(evaluate, "double_step", step)
@@ -131,6 +131,10 @@ def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, mo
     with PIL.Image.open(tmp_path / "film.gif") as shown:
         frames = PIL.ImageSequence.Iterator(shown)
         close(sum(frame.info["duration"] for frame in frames) / 1000, seconds, atol=0.3)
+    again = [*film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE)]
+    assert len(again) == 2 * 8, "a film ends with a fall, here in the second double step"
+    first, other = (film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE) for _ in range(2))
+    equal(next(first)["motion"].torso, next(other)["motion"].torso, "every film is the same")
 
 
 def test_the_film_of_a_training_says_how_long_each_policy_has_learned():
@@ -381,6 +385,7 @@ def test_where_no_cluster_is_is_said_before_ray_begins_to_wait(monkeypatch, addr
 @pytest.mark.slow
 def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
     """In processes of their own, since Ray leaves processes behind in this one."""
+    pytest.importorskip("ray", reason="only the study `cluster` needs it")
     actors = ["tests/studies/cluster.py", "--only", "train", "--actors", "3"]
     models = []
     for folder, (script, *flags) in {"alone": ["04_ppo.py"], "three": actors}.items():
