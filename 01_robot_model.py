@@ -369,7 +369,6 @@ def main():
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    print(len(leans), "robots lean forward: some seconds")
     # (Names that are defined below this function are looked up when it runs.)
     sim = SIMULATORS[args.sim](len(leans), standing, robot)
     sim.reset(np.arange(len(leans)))
@@ -823,8 +822,7 @@ class PymunkSim(Simulator):
         for motor, speed in zip(motors, speeds):
             motor.rate = speed
         for _ in range(self.robot.substeps):
-            if force:  # at its centre of mass, in this step only
-                torso.force = force, 0
+            torso.force = force, 0  # at its centre of mass, in this step only
             space.step(self.robot.control_dt / self.robot.substeps)
         x, z = torso.position
         return x - before.x, z, -torso.angular_velocity, *(-body.angle for body in bodies)
@@ -882,10 +880,9 @@ def draw_robots(axes, robot, torso, joints, camera):
 
 def draw_ground(axes, camera, size):
     """Draws squares of 0.25 m on the floor, `size` [m] to every side of the origin."""
-    u = np.arange(-size, size + 0.01, 0.25)
-    lines = np.tensordot(camera[1:, :2], np.meshgrid(u, u), 1)  # [2, K, K] right, up
-    for seen in lines, lines.swapaxes(1, 2):
-        axes.plot(*seen, color="0.88", lw=0.8, zorder=0)
+    for u in np.arange(-size, size + 0.01, 0.25):
+        for line in ([[u, u], [-size, size]], [[-size, size], [u, u]]):  # x, y of both ends
+            axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
 

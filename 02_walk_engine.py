@@ -508,8 +508,8 @@ def plot_plan(engine, plan, motion, path):
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt
-            for part, color in enumerate((*robot_model.COLORS, "black")):
-                axis.plot(time, values[:, part, k], style, color=color)
+            axis.set_prop_cycle(color=[*robot_model.COLORS, "black"])
+            axis.plot(time, values[..., k], style)
         axis.axvline(engine.half, color="0.7")
         axis.set(title=title, xlabel="time [s]")
     axes[2].set_ylim(-0.01, 0.05)  # the feet only

@@ -551,9 +551,6 @@ def draw_scene(axes, world, goal, feet, torso, joints, chosen=()):
 
 
 # ------------------------------------------------------------------------ Gymnasium
-PICTURES = {"render_modes": ["rgb_array"], "render_fps": 2}  # one for a double step
-
-
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. An ended episode starts again in the SAME step.
 
@@ -562,17 +559,15 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     wrappers of observations refuse this mode. They work with
     `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
 
-    metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP, **PICTURES}
+    metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
     def __init__(
         self,
         num_envs=64,
         sim="pymunk",
-        render_mode=None,
         **settings,  # of FootstepWorld: noise, push, walk, …
     ):
         self.num_envs = num_envs
-        self.render_mode = render_mode
         bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 20]
         self.single_observation_space = gym.spaces.Box(*bounds)
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
@@ -614,25 +609,11 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
             observations[fresh] = self.world.view(fresh).observation
         return observations, reward, terminated, truncated, infos
 
-    def render(self):
-        """A picture of every robot and its goal, a tuple of uint8 [400, 400, 3]."""
-        return tuple(self.picture(i) for i in self.robots)
-
-    def picture(self, i):
-        """Robot i and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
-        axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
-        state, goal = self.world.simulator.state[i], self.world.goal[i]
-        torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
-        camera = draw_scene(axes, self.world, goal, [], torso, joints)
-        seen = camera[1:] @ np.transpose([torso[:3], [*goal[:2], 0]])  # robot, goal  [2, 2]
-        axes.axis(np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5]).ravel())
-        return robot_model.pixels(axes.figure)
-
 
 class FootstepEnv(gym.Env):
     """One robot of a `FootstepVectorEnv`. `gymnasium.wrappers.RecordVideo` can film it."""
 
-    metadata = PICTURES
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
     def __init__(self, render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
@@ -655,8 +636,14 @@ class FootstepEnv(gym.Env):
         return observations[0], *(result.item() for result in results), info
 
     def render(self):
-        """See `FootstepVectorEnv.render`."""
-        return self.envs.picture(0)
+        """The robot and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
+        axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
+        state, goal = self.world.simulator.state[0], self.world.goal[0]
+        torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
+        camera = draw_scene(axes, self.world, goal, [], torso, joints)
+        seen = camera[1:] @ np.transpose([torso[:3], [*goal[:2], 0]])  # robot, goal  [2, 2]
+        axes.axis(np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5]).ravel())
+        return robot_model.pixels(axes.figure)
 
 
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")

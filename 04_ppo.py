@@ -23,8 +23,7 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
 During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. It is the policy so
 far, and stage 5 can evaluate it, too. At the end the stage writes policy.pt, learning_curve.csv and
 learning_curve.png there. (`plot_learning_curve` says what is normal in this picture.) The goal is
-measured with noise, unless you say --no-noise. `train` works with every Gymnasium task whose
-actions are in [0, 1].
+measured with noise. `train` works with every Gymnasium task whose actions are in [0, 1].
 
 Read down to the line of equals signs. Below it are `train`, which keeps the files of a training,
 the picture, and the command line.
@@ -37,7 +36,6 @@ but does not do by default: an entropy bonus, value clipping, a stop at a large 
 [GAE] Schulman et al.: High-Dimensional Continuous Control Using GAE, 2015, arXiv 1506.02438.
 """
 
-import argparse
 import json
 import math
 from contextlib import contextmanager
@@ -305,12 +303,10 @@ def episode_means(infos):
         for i in np.flatnonzero(info.get("_episode", [])):  # robots whose episode has ended
             ended["return"].append(info["episode"]["r"][i])
             ended["length"].append(info["episode"]["l"][i])
-            final = info["final_info"]
-            if "success" in final:  # other environments do not report an outcome
-                for name in "success", "fall", "timeout":
+            final = info["final_info"]  # other environments do not report an outcome
+            for name in ended.keys() & final.keys():
+                if name != "time" or final["success"][i]:
                     ended[name].append(final[name][i])
-                if final["success"][i]:
-                    ended["time"].append(final["time"][i])
     return {name: float(np.mean(values or [np.nan])) for name, values in ended.items()}
 
 
@@ -361,10 +357,9 @@ def train(
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
-    space = envs.single_action_space
-    if space != gym.spaces.Box(0, 1, space.shape, space.dtype) or (
-        envs.metadata.get("autoreset_mode") != gym.vector.AutoresetMode.SAME_STEP
-    ):
+    actions, mode = envs.single_action_space, envs.metadata.get("autoreset_mode")
+    same_step = gym.vector.AutoresetMode.SAME_STEP
+    if actions != gym.spaces.Box(0, 1, actions.shape) or mode != same_step:
         raise InputError("needs environments with actions in [0, 1] and AutoresetMode.SAME_STEP")
     # What must be the same when a stopped training goes on, as plain values: those in a file are
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
@@ -518,7 +513,6 @@ def plot_learning_curve(rows, path, title):
 def main(argv=None):
     parser = robot_model.stage_parser(__doc__)
     add = parser.add_argument
-    add("--noise", action=argparse.BooleanOptionalAction, default=True)
     add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
     add("--quick", action="store_true")
     add("--resume", action="store_true")
@@ -531,8 +525,8 @@ def main(argv=None):
         f"training on {args.sim}: {steps:,} steps or a few more, seed {args.seed}, into {out}\n"
         "(Ctrl-C stops it; the same flags and --resume continue)"
     )
-    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=args.noise)
-    _, rows = train(PPOConfig(), make_envs, out, steps, args.seed, args.resume, noise=args.noise)
+    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=True)
+    _, rows = train(PPOConfig(), make_envs, out, steps, args.seed, args.resume)
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.sim}, seed {args.seed}")
     print(f"policy.pt, learning_curve.csv and learning_curve.png are in {out}")
     flag = " --mujoco" if args.sim == "mujoco" else ""
