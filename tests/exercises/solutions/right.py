@@ -10,12 +10,6 @@ def wrap(angle):
     return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
 
 
-def wrap(angle):
-    """By arctan2, and π becomes −π."""
-    angle = np.arctan2(np.sin(angle), np.cos(angle))
-    return np.where(angle >= np.pi, -np.pi, angle)
-
-
 def compose(base, pose):
     """Adds and overwrites the place."""
     total = base + pose

@@ -19,17 +19,17 @@ def right(mistake):
 
 
 # ------------------------------------------------------------------------ stage 1
-@wrong("(−π, π]", "π becomes −π")
+@right("by arctan2: π, which is a little less, may stay")
 @wrong("in degrees", "too few turns")
 @wrong("a remainder with the sign of the angle", "too few turns")
 @wrong("takes away a single turn", "too few turns")
 def wrap(angle):
-    if mistake == "(−π, π]":
-        return np.arctan2(np.sin(angle), np.cos(angle))
     if mistake == "in degrees":
         return (angle + 180) % 360 - 180
     if mistake == "a remainder with the sign of the angle":
         return np.fmod(angle + np.pi, 2 * np.pi) - np.pi
+    if mistake != "takes away a single turn":
+        return np.arctan2(np.sin(angle), np.cos(angle))
     angle = np.where(angle >= np.pi, angle - 2 * np.pi, angle)
     return np.where(angle < -np.pi, angle + 2 * np.pi, angle)
 
@@ -280,11 +280,15 @@ def low_pass(velocity, command, seconds, time_constant):
     return velocity + min(1, seconds / max(time_constant, 1e-9)) * (command - velocity)
 
 
+@right("as the formula is written, not clipped")
 @wrong("no width at 0 and 1", "Wilson")
 def wilson(count, total, z=1.96):
-    p = count / total
-    margin = z * math.sqrt(p * (1 - p) / total)
-    return [p - margin, p + margin]
+    p, n = count / total, total
+    if mistake == "no width at 0 and 1":
+        z_n, margin = 0, z * math.sqrt(p * (1 - p) / n)
+    else:
+        z_n, margin = z**2 / n, z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    return [(p + z_n / 2 - margin) / (1 + z_n), (p + z_n / 2 + margin) / (1 + z_n)]
 
 
 @right("in single precision")
