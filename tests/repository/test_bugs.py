@@ -4,6 +4,7 @@ still import, and the test that debug.md names catches the bug (slow)."""
 import ast
 import os
 import re
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 
@@ -134,6 +135,19 @@ def test_angles_are_wrapped():
     print(f"α = {alpha} for a yaw of ± 4 rad")
     right = abs(alpha) <= np.pi
 """
+
+
+@pytest.fixture(scope="module")
+def with_bugs(tmp_path_factory):
+    """A repository in which two bugs are in."""
+    folder = tmp_path_factory.mktemp("repository")
+    debug.copied(folder)
+    shutil.copytree(debug.FOLDER, folder / "tests" / "exercises" / "bugs")
+    for bug in "stubborn", "tired":
+        debug.put(bug, folder)
+    return folder
+
+
 ASSERTS = "    assert right\n"
 RAISES = "    right or {}['an AssertionError']\n"
 
@@ -144,23 +158,15 @@ RAISES = "    right or {}['an AssertionError']\n"
     pytest.param("stubborn", ASSERTS, 0, "fails with stubborn: well done", marks=pytest.mark.slow),
     pytest.param("stubborn", RAISES, 1, "by an assertion, and it does not", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, last, code, says):
+def test_a_student_s_test_is_judged_with_and_without_the_bug(
+    with_bugs, tmp_path, bug, last, code, says
+):
     (tmp_path / "mine.py").write_text(STUDENT_S_TEST + last, "utf-8")
     # A console of Windows, which has ± and no α; and options of the student's own
     surrounding = {"PYTHONIOENCODING": "cp1252", "PYTEST_ADDOPTS": "--tb=short"}
-    done = python(debug.__file__, "mine.py", bug, cwd=tmp_path, **surrounding)
+    script = with_bugs / "tests" / "exercises" / "debug.py"
+    done = python(script, "mine.py", bug, cwd=tmp_path, **surrounding)
     said = done.stdout + done.stderr
     assert done.returncode == code and says in said, said
     assert ("± 4 rad" in said) == ("must fail" not in says), said
     assert os.listdir(tmp_path) == ["mine.py"], "nothing is left behind"
-
-
-@pytest.mark.slow
-def test_a_student_s_test_is_judged_while_bugs_are_in(tmp_path, monkeypatch):
-    folder = tmp_path / "repository"
-    debug.copied(folder)
-    for bug in "stubborn", "tired":
-        debug.put(bug, folder)
-    (tmp_path / "mine.py").write_text(STUDENT_S_TEST + ASSERTS, "utf-8")
-    monkeypatch.setattr(debug, "ROOT", folder)
-    assert "fails with stubborn: well done" in debug.judged(tmp_path / "mine.py", "stubborn")

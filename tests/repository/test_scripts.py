@@ -158,11 +158,8 @@ WITH_BLOCKS = [
 NOTEBOOK = ROOT / "tests/exercises/notebook.md"
 
 
-@pytest.mark.parametrize(
-    "page",
-    [pytest.param(p, marks=pytest.mark.slow) if p == NOTEBOOK else p for p in WITH_BLOCKS],
-    ids=lambda page: page.relative_to(ROOT).as_posix(),
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     """All its blocks in order, as one program, and the tests that they define. Of a notebook's own
     commands only %run: the others fetch and install."""

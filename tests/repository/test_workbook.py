@@ -251,19 +251,19 @@ def test_what_never_ends_or_ends_python_fails_and_the_others_keep_their_grades(t
         "body_frames": ("return sum(range(10**13))", late),
         "reflex": ("while True:\n    try:\n        pass\n    except:\n        pass", late),
         "quintic": ("import os\nos._exit(0)", ends),
-        "swing": ("raise KeyboardInterrupt", ends),
-        "knot": ('import pytest\npytest.exit("done")', ends),
+        "clipped_objective": ("raise KeyboardInterrupt", ends),
+        "low_pass": ('import pytest\npytest.exit("done")', ends),
     }
     wrong = {name: body for name, (body, _) in bodies.items()}
     folder = submission(tmp_path / "eve", wrap=slow, **wrong)
     (folder / "beta.py").write_text("while True:\n    pass\n", "utf-8")
     bodies["beta_mode"] = "a loop while the file is imported", late
-    done = grade(folder, "--patience=9", "-k", " or ".join(["wrap", *bodies]))
+    done = grade(folder, "--patience=5", "-k", " or ".join(["wrap", *bodies]))
     words = last_words(done)
     for name, (body, says) in bodies.items():
         assert re.search(rf"{name} ★+: 0 of \d tests pass\n  - {says}", words), f"{body}:\n{words}"
     hint = "a slow exercise has its full time, whatever the others do"
-    assert "eve: 1 of 9 exercises solved, 1 of 16 stars" in words and done.returncode == 1, hint
+    assert "eve: 1 of 9 exercises solved, 1 of 12 stars" in words and done.returncode == 1, hint
     assert done.stdout.count(" stars\n") == 1, "who collects the marks wants each of them once"
 
 
