@@ -315,6 +315,13 @@ def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_ones_accepte
     assert not problems, "\n".join(problems)
 
 
+@pytest.mark.slow
+def test_errors_of_rounding_are_no_mistakes():
+    cases = [*referee.ours_rounded()]
+    said = [(case.exercise, said) for case, said in zip(cases, graded(cases)) if said]
+    assert len(cases) > 60 and not said, f"compare floats by `close`: {said}"
+
+
 @pytest.mark.filterwarnings("ignore::SyntaxWarning")  # of mistakes
 @pytest.mark.slow
 def test_small_mistakes_by_rule_are_rejected_in_words():
