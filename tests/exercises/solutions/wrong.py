@@ -372,6 +372,7 @@ def time_ratio(trials, reference):
 
 
 # ------------------------------------------------------------------------ studies
+@right("corner by corner")
 @wrong("no interpolation", "mean of the eight corners")
 @wrong("cuts negative yaws towards 0", "after the last yaw, the first")
 @wrong("extrapolates beyond the map", "Beyond the map")
@@ -396,6 +397,7 @@ def look_up(value, poses):
 
 
 @right("by look_up")
+@right("from 0 upward")
 @wrong("comes back on the other side of the map", "The map ends at its edge")
 @wrong("only the goal's own cell", "within 5 cm it has arrived")
 @wrong("the maximum over the moves", "V[yaw, x, y]")
@@ -426,6 +428,8 @@ def steps_to_go(moves, task):
         after[..., :2] = (after[..., :2] + width / 2) % width - width / 2
     outside = (np.abs(after[..., :2]) > CELL * HALF + 1e-9).any(-1)
     value = np.where(goal, 0.0, FAR).transpose(2, 0, 1)  # [yaw, x, y]
+    if mistake == "from 0 upward":
+        value = 0 * value
     for _ in range(3 if mistake == "stops too early" else 60):
         reached = np.where(outside, FAR, look_up(value, after))  # [x, y, yaw, A]
         best = reached.max(-1) if mistake == "the maximum over the moves" else reached.min(-1)
