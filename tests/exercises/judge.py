@@ -10,11 +10,11 @@ an empty folder; it receives the views and sends back actions, nothing else. (Li
 yours it can still read your other files. So choose seeds that nobody knows, and let strangers' files
 run as another user.) It has --patience seconds for a decision, and half an hour for all of them. A
 file that fails or takes too long is named and left out. Time is that of the clock: leave the machine
-alone. Processes that a file starts end with it. A planner takes 3 to 5 minutes on one core.
-After each of them the judge writes leaderboard.md, leaderboard.png and walks.json to runs/contest/. If
-you stop the judge and start it again, it measures only those planners that are not in walks.json with
-the same file, seeds, number of walks and stages. Only --episodes 500 and two seeds, the defaults,
-count.
+alone. The processes that a file has started end with it, except those in a session of their own. A
+planner takes 3 to 5 minutes on one core. After each of them the judge writes leaderboard.md,
+leaderboard.png and walks.json to runs/contest/. If you stop the judge and start it again, it measures
+only those planners that are not in walks.json with the same file, seeds, number of walks and stages.
+Only --episodes 500 and two seeds, the defaults, count.
 Without a file the judge prints the table of the planners of README, as shipped in results/.
 """
 
