@@ -10,7 +10,6 @@ from unittest import mock
 
 import bullet
 import common
-import mujoco
 import numpy as np
 import pytest
 import transfer
@@ -23,14 +22,6 @@ FILE = TESTS / "small_robot.urdf"
 URDF = transfer.readable(FILE)
 ROBOT = robot_model.RobotModel()
 SETTINGS = 2, robot_model.stance(ROBOT), ROBOT  # of a simulator
-
-
-def pose(simulator, joints):
-    """Where torso and links are, and how they are turned, seen from the torso [9, 12]."""
-    data = mujoco.MjData(simulator.model)
-    data.qpos[6:] = joints
-    mujoco.mj_kinematics(simulator.model, data)
-    return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
 
 
 def walked(physics, body=None):
@@ -48,7 +39,8 @@ def test_the_team_s_links_are_where_ours_are(mend):
     theirs, ours = transfer.team_sim(URDF, mend)(*SETTINGS), robot_model.MujocoSim(*SETTINGS)
     rolled = -transfer.MISTAKE * (np.arange(12) == 11)
     for joints in np.random.default_rng(0).uniform(-0.3, 0.6, (20, 12)):
-        close(pose(theirs, joints), pose(ours, joints + (not mend) * rolled), atol=2e-5)
+        want = transfer.links(ours, joints + (not mend) * rolled)
+        close(transfer.links(theirs, joints), want, atol=2e-5)
 
 
 def test_a_file_that_tells_our_robot_walks_as_our_robot():
@@ -58,6 +50,7 @@ def test_a_file_that_tells_our_robot_walks_as_our_robot():
 
 
 KNEE = 'name="LKnee" type="revolute">'
+AXIS = '(LKnee".*?<axis xyz=")0 1 0'
 MIMIC = '<mimic joint="RKnee"/>'
 
 
@@ -66,6 +59,10 @@ MIMIC = '<mimic joint="RKnee"/>'
     ("^", '<?xml version="1.0" encoding="x-none"?>', "unknown encoding"),
     (KNEE, KNEE.replace("revolute", "fixed"), "its joints must be"),
     ("LHip(Yaw|Roll)", lambda found: {"Yaw": "LHipRoll", "Roll": "LHipYaw"}[found[1]], "must be"),
+    (KNEE, KNEE.replace("revolute", "prismatic"), "links"),
+    (AXIS, r"\g<1>0 -1 0", "links"), (AXIS, r"\g<1>1 0 0", "links"), (AXIS, r"\1nan 0 0", "links"),
+    ('(LKnee".*?<origin xyz=")0 0 -0.169', r"\g<1>0 0 -169", "links"),
+    ('mass value="', r"\g<0>1", "kilograms"),
     (KNEE, KNEE + MIMIC, "mimic"), ('name="LShoulderPitch" .*?>', r"\g<0>" + MIMIC, "mimic"),
     ('mass value="0.088"', 'mass value="0"', "mass"),
     ('ixx="0.0003"', 'ixx="1"', "inertia must"), ("<inertial>.*?</inertial>", "", "mass"),

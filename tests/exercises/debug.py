@@ -5,7 +5,7 @@
     python tests/exercises/debug.py undo tired
 
 The second runs your test twice, in a copy of the repository: it must pass without the bug and fail
-with it, by an assertion. Your own files stay as they are.
+with it, by an assertion. Your own files stay as they are, with a bug or without one.
 """
 
 import io
@@ -15,6 +15,7 @@ import sys
 import tempfile
 import tokenize
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from contextlib import suppress
 from pathlib import Path
 
 from workbook import any_console
@@ -23,6 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
 BUGS = sorted(path.stem for path in FOLDER.glob("*.txt"))
 PATIENCE = 300  # [s] for a student's test
+CAUGHT = 6  # exit code of pytest -p debug, if a test fails by an assertion; pytest's own end at 5
 
 
 def read_bug(name):
@@ -73,9 +75,20 @@ def copied(folder):
             (folder / name).write_bytes(path.read_bytes())  # without its mode: it may be read-only
 
 
+def pytest_exception_interact(node, call):
+    """Pytest tells its plugins which error a test has met."""
+    if call.excinfo.errisinstance(AssertionError):
+        node.session.caught = True
+
+
+def pytest_sessionfinish(session, exitstatus):
+    if exitstatus == 1 and hasattr(session, "caught"):
+        session.exitstatus = CAUGHT
+
+
 def tested(folder):
     """(exit code of pytest, what it says) for the student's test."""
-    command = "-m pytest -q -p no:cacheprovider tests/test_of_mine.py".split()
+    command = "-m pytest -q -p debug -p no:cacheprovider tests/test_of_mine.py".split()
     more = {"PYTHONIOENCODING": "utf-8", "PYTEST_ADDOPTS": ""}  # a Windows pipe has another coding
     try:
         done = subprocess.run(
@@ -97,15 +110,16 @@ def judged(file, bug):
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         copied(folder)
+        for other in BUGS:  # any of them may be in
+            with suppress(ValueError, SyntaxError, tokenize.TokenError):
+                put(other, folder, undo=True)
         (folder / "tests" / "test_of_mine.py").write_bytes(Path(file).read_bytes())
         code, said = tested(folder)
         if code != 0:
-            sys.exit(
-                f"{said}\nWithout the bug (undo it first) your test must pass, and it does not."
-            )
+            sys.exit(f"{said}\nWithout a bug your test must pass, and it does not.")
         put(bug, folder)
         code, said = tested(folder)
-    if code != 1 or "AssertionError" not in said:
+    if code != CAUGHT:
         sys.exit(
             f"{said}\nYour test passes without the bug. With {bug} it must fail by an assertion, "
             "and it does not."

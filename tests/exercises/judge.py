@@ -9,11 +9,12 @@ every contest. The world is in this process. A planner is in a process of its ow
 an empty folder; it receives the views and sends back actions, nothing else. (Like every program of
 yours it can still read your other files. So choose seeds that nobody knows, and let strangers' files
 run as another user.) It has --patience seconds for a decision, and half an hour for all of them. A
-file that fails or takes too long is named and left out. A planner takes 3 to 5 minutes on one core.
-After each of them the judge writes leaderboard.md, leaderboard.png and walks.json to runs/contest/. If
-you stop the judge and start it again, it measures only those planners that are not in walks.json with
-the same file, seeds, number of walks and stages. Only --episodes 500 and two seeds, the defaults,
-count.
+file that fails or takes too long is named and left out. Time is that of the clock: leave the machine
+alone. The processes that a file has started end with it, except those in a session of their own. A
+planner takes 3 to 5 minutes on one core. After each of them the judge writes leaderboard.md,
+leaderboard.png and walks.json to runs/contest/. If you stop the judge and start it again, it measures
+only those planners that are not in walks.json with the same file, seeds, number of walks and stages.
+Only --episodes 500 and two seeds, the defaults, count.
 Without a file the judge prints the table of the planners of README, as shipped in results/.
 """
 
@@ -21,13 +22,13 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import threading
 import time
-import traceback
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from hashlib import sha256
 from pathlib import Path
 
@@ -49,6 +50,7 @@ STAYS = 0.7  # least share of the successes that is still there
 OUT = "disqualified"  # instead of a place
 WALKS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far?, pushes [m/s]; the last does not count
 TOTAL = 1800  # [s] for all decisions of a file
+SHOWN = 4000  # letters of what a file has printed
 
 
 # ------------------------------------------------------------------------ points
@@ -166,22 +168,24 @@ class LeftOut(Exception):
 
 def serve(pipe, file):
     """In a process of its own: answers the questions of `Contestant`, in the folder of the file."""
+    if hasattr(os, "setsid"):  # not on Windows
+        os.setsid()  # a group of its own, with the processes that it starts
     os.chdir(file.parent)
+    output = os.open("../output", os.O_WRONLY)
+    for stream in 1, 2:  # not the judge's: a process of this file could hold them for ever
+        os.dup2(output, stream)
     # Neither the command line nor the folders of the repository are this file's business.
     sys.argv = [str(file)]
     sys.path[:] = [path for path in sys.path if ROOT not in (Path(path), *Path(path).parents)]
-    try:
-        planner = evaluate.load_planner(file)
-        while True:
-            method, argument = pipe.recv()
-            if method == "act":
-                argument = env.View(**argument)
-            answer = getattr(planner, method)(argument)
-            pipe.send_bytes(b"" if method == "reset" else np.asarray(answer, float).tobytes())
-    except (EOFError, KeyboardInterrupt):
-        pass  # the contest is over
-    except BaseException:
-        traceback.print_exc()
+    planner = evaluate.load_planner(file)
+    while True:
+        method, argument = pipe.recv()
+        if method == "reset":
+            planner.reset(argument)
+            pipe.send_bytes(b"")
+        else:
+            actions = planner.act(env.View(**argument))
+            pipe.send_bytes(env.checked("actions", actions, len(argument["robots"]), 6).tobytes())
 
 
 class Contestant:
@@ -192,8 +196,10 @@ class Contestant:
         self.patience = patience  # [s] for a decision
         self.left = TOTAL  # [s] for all others
         self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        copy = Path(self.folder.name).resolve() / file.name
+        copy = Path(self.folder.name).resolve() / "alone" / file.name
+        copy.parent.mkdir()
         shutil.copyfile(file, copy)
+        self.output = open(copy.parents[1] / "output", "w+", encoding="utf-8", errors="replace")
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=serve, args=(theirs, copy), daemon=True)
@@ -204,7 +210,7 @@ class Contestant:
         """Calls a method of the planner, over there; returns the bytes that come back in time, `size`
         of them at most."""
         begin = time.monotonic()
-        watch = threading.Timer(patience, self.process.kill)  # if it does not even listen
+        watch = threading.Timer(patience, self.kill)  # if it does not even listen
         watch.start()
         try:
             self.pipe.send((method, argument))
@@ -226,15 +232,21 @@ class Contestant:
 
     def act(self, view):
         count = len(view.robots)
-        numbers = np.frombuffer(self.ask("act", vars(view), count * 6 * 8, self.patience))
-        if numbers.size != count * 6:
-            raise LeftOut(f"actions must have the shape {(count, 6)}")
-        return numbers.reshape(count, 6)
+        answer = self.ask("act", vars(view), count * 6 * 8, self.patience)
+        return np.frombuffer(answer).reshape(count, 6)  # a ValueError if they are fewer
+
+    def kill(self):
+        """Ends its process, and those that this one has started (not on Windows)."""
+        with suppress(AttributeError, OSError):  # Windows; too early, or nobody is left
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.kill()
 
     def close(self):
-        """Ends its process."""
-        self.process.kill()
+        """Ends its process, and shows its error."""
+        self.kill()
         self.process.join()
+        sys.stderr.write(self.output.read()[-SHOWN:])
+        self.output.close()
         self.folder.cleanup()
 
 

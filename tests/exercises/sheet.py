@@ -1,20 +1,24 @@
 """Clean exercise sheets: copies of the stages in which the functions of workbook.py are empty.
 
     python tests/exercises/sheet.py                      all of them, into exercises/
+    python tests/exercises/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
     python tests/exercises/sheet.py --only gae quintic   only these are empty
 
 Docstrings stay, and comments on a line of their own. What is there is overwritten only with
---force.
+--force. The last line of each file tells the grader what was empty in it.
 """
 
 import ast
+import re
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
+from functools import cache
 from pathlib import Path
 
 from debug import BUGS, read_bug
 from workbook import BOOK, any_console, command
 
 ROOT = Path(__file__).resolve().parents[2]
+MARK = "# Empty in this sheet:"
 
 
 def find(file):
@@ -28,6 +32,30 @@ def function_in(tree, name):
     for part in name.split("."):
         tree = next(node for node in tree.body if getattr(node, "name", None) == part)
     return tree
+
+
+parsed = cache(ast.parse)
+
+
+def left_out(source, exercise):
+    """Is an exercise no part of this sheet: not empty at first, and as in the root?"""
+    if re.search(rf"^{MARK}.*\b{exercise.name}\b", source, re.MULTILINE):
+        return False
+
+    def functions(text):
+        return [ast.dump(function_in(parsed(text), name)) for name in exercise.functions]
+
+    try:
+        return functions(source) == functions(find(exercise.file).read_text("utf-8-sig"))
+    except (SyntaxError, ValueError, StopIteration):  # no Python, or without this function
+        return False
+
+
+def lesson(number):
+    """The exercises of a lesson of course.md, without those in parentheses."""
+    page = (ROOT / "tests/exercises/course.md").read_text("utf-8")
+    _, _, part = page.partition(f"\n## Lesson {number}: ")
+    return re.findall(r"\s`build\.(\w+)`", part.partition("\n## ")[0])
 
 
 def body_of(source, name, since=""):
@@ -71,11 +99,22 @@ def sheets(names):
     return texts
 
 
+def noted(text):
+    """The text of a file, with what lets a study run elsewhere, and with the mark for the grader."""
+    studies = (ROOT / "tests/studies").as_posix()
+    path = f'import sys\n\nsys.path.append("{studies}")  # where this is\n'
+    text = re.sub(r"^import (baseline|common)$", rf"{path}\g<0>", text, count=1, flags=re.MULTILINE)
+    empty = dict.fromkeys(re.findall(r'"exercise: (\w+)"', text))
+    return f"{text}\n{MARK} {', '.join(empty)}\n"
+
+
 def main():
     any_console()
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="the functions to be emptied")
-    parser.add_argument("--out", type=Path, default=ROOT / "exercises", metavar="FOLDER")
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument("--only", nargs="+", metavar="NAME", help="the functions to be emptied")
+    which.add_argument("--lesson", type=int, help="those of a lesson of course.md")
+    parser.add_argument("--out", type=Path, metavar="FOLDER")
     parser.add_argument("--force", action="store_true", help="overwrite what is there")
     args = parser.parse_args()
 
@@ -83,7 +122,13 @@ def main():
         parser.exit(2, f"{parser.prog}: {line}\n")
 
     names = args.only or list(BOOK)
-    out = args.out.resolve()
+    out = ROOT / "exercises"
+    if args.lesson is not None:
+        names = lesson(args.lesson)
+        out /= f"lesson{args.lesson}"
+    out = (args.out or out).resolve()
+    if not names:
+        refuse(f"course.md has no lesson {args.lesson} with functions to write")
     if unknown := [name for name in names if name not in BOOK]:
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     if out in [find(row.file).parent for row in BOOK.values()]:
@@ -92,7 +137,7 @@ def main():
         file, _, bug = read_bug(name)
         if "".join(bug.split()) in "".join((ROOT / file).read_text("utf-8").split()):
             refuse(f"{file} has a bug; take it out: python tests/exercises/debug.py undo {name}")
-    texts = sheets(names)
+    texts = {name: noted(text) for name, text in sheets(names).items()}
     if args.force:  # only the files of the named exercises; others may be solved
         named = {f"{BOOK[name].file}.py" for name in names}
         texts = {name: texts[name] for name in texts if name in named or not (out / name).exists()}
@@ -111,7 +156,8 @@ def main():
         gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
         print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")
     folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
-    graded = command(f'"{" or ".join(args.only or names[:1])}"', f'"{folder}"')
+    some = names if args.only or args.lesson else names[:1]
+    graded = command(f'"{" or ".join(some)}"', f'"{folder}"')
     print(f"To be written in {out}. Graded, from {ROOT}, by\n    {graded}")
 
 

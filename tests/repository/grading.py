@@ -1,5 +1,6 @@
 """A plugin of pytest, loaded by .pytest.ini. With `--stages FOLDER` it grades the exercises in that
-folder; an exercise whose file is missing there is "not handed in":
+folder; an exercise whose file is missing there is "not handed in", and one that was not empty in the
+sheet and is as in the root is "not in this sheet":
 
     python -m pytest tests --stages=exercises              all of exercises/workbook.py
     python -m pytest tests --stages=exercises -k gae       this one; or -k "gae or quintic"
@@ -23,11 +24,17 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from sheet import ROOT  # of tests/exercises
+from sheet import ROOT, left_out  # of tests/exercises
 from workbook import BOOK, graded_by
 
-PATIENCE = 6  # [s] for an import, and for the first test that does not end; later ones get a sixth
+PATIENCE = 6  # [s] for an import or a test; a sixth for other tests of an exercise that was late
 ENDS = "ends Python (exit, or main() unguarded?)"
+GRADER = """
+import os, pytest, sys
+code = pytest.main()
+sys.stdout.flush()
+os._exit(code)  # no thread of a student, and nothing in atexit, keeps it alive
+"""
 LATE = "takes too long: a loop that never ends? (If the computer is busy: --patience 60)"
 
 
@@ -41,7 +48,7 @@ def pytest_cmdline_main(config):
     """Lets other processes grade, until one of them comes to its end."""
     if config.getoption("stages") is None or "GRADED" in os.environ:
         return None
-    command = [sys.executable, "-m", "pytest", *config.invocation_params.args]
+    command = [sys.executable, "-c", GRADER, *config.invocation_params.args]
     if config.pluginmanager.hasplugin("xdist"):
         command += ["-n", "0"]  # one test after the other
     stopped = []
@@ -101,7 +108,14 @@ class Grading:
             self.chosen = [name for name in BOOK if name in words]
             config.option.keyword = ""
         self.keyword = config.option.keyword  # of tests
-        self.here = [name for name in self.chosen if (folder / f"{BOOK[name].file}.py").is_file()]
+        self.missing = {}  # exercises that are not graded, and why
+        for name in self.chosen:
+            path = folder / f"{BOOK[name].file}.py"
+            if not path.is_file():
+                self.missing[name] = f"not handed in, there is no {path.name}"
+            elif left_out(path.read_text("utf-8-sig", "replace"), BOOK[name]):
+                self.missing[name] = "not in this sheet"
+        self.here = [name for name in self.chosen if name not in self.missing]
         self.patience = config.getoption("patience")
         for library in ("mujoco", "gymnasium", "torch"):  # slow to import, and no student's fault
             import_module(library)
@@ -124,8 +138,8 @@ class Grading:
         faulthandler.dump_traceback_later(seconds, exit=True, file=self.graded)
         try:
             yield
-        except SystemExit:
-            os._exit(1)
+        except (SystemExit, KeyboardInterrupt, pytest.exit.Exception):
+            os._exit(1)  # without a summary: the process behind this one prints it
         finally:
             faulthandler.cancel_dump_traceback_later()
 
@@ -164,7 +178,9 @@ class Grading:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item):
-        late = any(said == LATE for _, said in self.found.values())
+        late = any(
+            said == LATE and {*names} & {*item.exercises} for names, said in self.found.values()
+        )
         with self.watched(item.nodeid, item.exercises, self.patience / (6 if late else 1)):
             return (yield)
 
@@ -191,8 +207,8 @@ class Grading:
             row = BOOK[name]
             head = f"{name} {BOOK[name].stars * '★'}"
             passed = results.count(None)
-            if name not in self.here:
-                write(f"{head}: not handed in, there is no {row.file}.py")
+            if name in self.missing:
+                write(f"{head}: {self.missing[name]}")
             elif not results:
                 write(f"{head}: not graded, its tests were not run")
             elif passed == len(results):

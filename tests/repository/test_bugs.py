@@ -4,6 +4,7 @@ still import, and the test that debug.md names catches the bug (slow)."""
 import ast
 import os
 import re
+import shutil
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 
@@ -20,7 +21,7 @@ import importlib, pytest, sys
 for name in {STAGES}:
     importlib.import_module(name)
 print("imported", flush=True)
-sys.exit(pytest.main(["-p", "no:cacheprovider", *sys.argv[1:]]))
+sys.exit(pytest.main(["-p", "debug", "-p", "no:cacheprovider", *sys.argv[1:]]))
 """
 
 
@@ -82,7 +83,7 @@ def test_bugs_are_silent_and_caught_by_our_tests(tmp_path):
         said = done.stdout + done.stderr
         if not said.startswith("imported\n"):
             return f"{name} is not silent: {said}"
-        if code != 1 or "AssertionError" not in said:
+        if code != debug.CAUGHT:
             return f"{module}.{begins} does not catch {name} by an assertion:\n{said[-2000:]}"
 
     with ThreadPoolExecutor(import_module("01_robot_model").CORES) as pool:
@@ -131,21 +132,40 @@ import numpy as np
 
 def test_angles_are_wrapped():
     d, alpha, beta = import_module("03_env").polar(np.array([1.0, 0.0, 4.0]))
-    print(f"α = {{alpha}} for a yaw of ± 4 rad")
-    assert abs(alpha) {sign} np.pi
+    print(f"α = {alpha} for a yaw of ± 4 rad")
+    right = abs(alpha) <= np.pi
 """
 
 
-@pytest.mark.parametrize("bug, sign, code, says", [
-    ("tired", ">", 1, "Without the bug (undo it first) your test must pass"),
-    pytest.param("tired", "<=", 1, "With tired it must fail", marks=pytest.mark.slow),
-    pytest.param("stubborn", "<=", 0, "fails with stubborn: well done", marks=pytest.mark.slow),
+@pytest.fixture(scope="module")
+def with_bugs(tmp_path_factory):
+    """A repository in which two bugs are in."""
+    folder = tmp_path_factory.mktemp("repository")
+    debug.copied(folder)
+    shutil.copytree(debug.FOLDER, folder / "tests" / "exercises" / "bugs")
+    for bug in "stubborn", "tired":
+        debug.put(bug, folder)
+    return folder
+
+
+ASSERTS = "    assert right\n"
+RAISES = "    right or {}['an AssertionError']\n"
+
+
+@pytest.mark.parametrize("bug, last, code, says", [
+    ("tired", "    assert not right\n", 1, "Without a bug your test must pass"),
+    pytest.param("tired", ASSERTS, 1, "With tired it must fail", marks=pytest.mark.slow),
+    pytest.param("stubborn", ASSERTS, 0, "fails with stubborn: well done", marks=pytest.mark.slow),
+    pytest.param("stubborn", RAISES, 1, "by an assertion, and it does not", marks=pytest.mark.slow),
 ])  # fmt: skip
-def test_a_student_s_test_is_judged_with_and_without_the_bug(tmp_path, bug, sign, code, says):
-    (tmp_path / "mine.py").write_text(STUDENT_S_TEST.format(sign=sign), "utf-8")
+def test_a_student_s_test_is_judged_with_and_without_the_bug(
+    with_bugs, tmp_path, bug, last, code, says
+):
+    (tmp_path / "mine.py").write_text(STUDENT_S_TEST + last, "utf-8")
     # A console of Windows, which has ± and no α; and options of the student's own
     surrounding = {"PYTHONIOENCODING": "cp1252", "PYTEST_ADDOPTS": "--tb=short"}
-    done = python(debug.__file__, "mine.py", bug, cwd=tmp_path, **surrounding)
+    script = with_bugs / "tests" / "exercises" / "debug.py"
+    done = python(script, "mine.py", bug, cwd=tmp_path, **surrounding)
     said = done.stdout + done.stderr
     assert done.returncode == code and says in said, said
     assert ("± 4 rad" in said) == ("must fail" not in says), said

@@ -4,7 +4,9 @@ import json
 import os
 import re
 import sys
+import time
 from argparse import Namespace
+from contextlib import closing
 from functools import cache
 from itertools import product
 from types import SimpleNamespace
@@ -404,3 +406,43 @@ def test_cheats_win_nothing_and_the_others_are_ranked(tmp_path):
     for name in ("frame", "step", "reset", "seed"):
         assert lines[name] == lines["good"], f"{name} is better than what it does honestly"
     assert (tmp_path / "leaderboard.png").stat().st_size > 5000
+
+
+MISTAKEN = """
+import subprocess, sys
+import numpy as np
+
+print("of mine", flush=True)
+
+class Planner:
+    def reset(self, num_robots):
+        subprocess.Popen([sys.executable, "-c", {ticks!r}])
+
+    def act(self, view):
+        return {action}
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="it has no groups of processes")
+@pytest.mark.parametrize("action, error", [
+    ("np.zeros((6, 4))", "actions must be finite numbers of shape (4, 6)"), ("input()", "EOFError"),
+])  # fmt: skip
+def test_a_contestant_s_error_is_shown_and_its_processes_end(tmp_path, capfd, action, error):
+    file = tmp_path / "mine.py"
+    clock = tmp_path / "clock"
+    ticks = f"import time\nwhile 1: open({str(clock)!r}, 'a').write('.'); time.sleep(0.02)"
+    file.write_text(MISTAKEN.format(ticks=ticks, action=action), "utf-8")
+    world = common.world("mujoco", num_robots=4)
+    world.reset(range(4), [env.stream("training", k) for k in range(4)])
+    with closing(judge.Contestant(file, 30)) as planner:
+        planner.reset(4)
+        time.sleep(1)
+        with pytest.raises(judge.LeftOut, match="its program has ended"):
+            planner.act(world.view(range(4)))
+    out, said = capfd.readouterr()
+    assert error in said and "of mine" in said, "a student wants to know what was wrong"
+    assert not out, "who holds the judge's output keeps `judge.py | tee log` alive"
+    before = clock.stat().st_size
+    time.sleep(1)
+    assert clock.stat().st_size == before, "it computes on, beside the next planners"

@@ -145,24 +145,43 @@ def test_without_physics_all_arrive():
     close(robot_model.relative(before, world.pose), want, "it moves exactly as planned")
 
 
-def test_the_cells_of_the_notebook_draw_a_walk_that_arrives(tmp_path, monkeypatch):
-    """In order. Cells with ! or %run are left out: the first one installs, and the stages are run
-    above."""
-    page = (ROOT / "tests/exercises/notebook.md").read_text("utf-8")
-    names = {}
-    cells = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    needed = (ROOT / "requirements.txt").read_text()
-    for package in re.findall(r"^\w+", needed, re.MULTILINE):
-        assert package in cells[0], "the first cell installs what the stages need"
-    assert {*re.findall(r"\S+==\S+", cells[0])} <= {*needed.split()}, "of requirements.txt"
+def blocks(page):
+    return re.findall(r"^```python\n(.*?)^```", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)
+
+
+WITH_BLOCKS = [
+    page
+    for place in ("*.md", "results/**/*.md", "tests/**/*.md")
+    for page in sorted(ROOT.glob(place))
+    if blocks(page)
+]
+NOTEBOOK = ROOT / "tests/exercises/notebook.md"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
+def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
+    """All its blocks in order, as one program, and the tests that they define. Of a notebook's own
+    commands only %run: the others fetch and install."""
     shutil.copytree(ROOT / "results" / "mujoco", tmp_path / "results" / "mujoco")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, "IPython.display", SimpleNamespace(Image=check_picture))
     monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(version_info=(9, 0)))
-    for cell in cells:
-        if not re.search(r"^(!|%run)", cell, re.MULTILINE):
-            exec(cell, names)
-    assert "success after" in names["panel"].get_title()
+    names = {"stage": lambda line: run(*line.split(), folder=tmp_path)}
+    for block in blocks(page):
+        program = re.sub(r"^%run (.*)", r'stage("\1")', block, flags=re.MULTILINE)
+        exec(re.sub(r"^[!%].*", "", program, flags=re.MULTILINE), names)
+    for name in [name for name in names if name.startswith("test_")]:
+        names[name]()
+    assert page != NOTEBOOK or "success after" in names["panel"].get_title()
+
+
+def test_the_notebook_installs_what_the_stages_need():
+    first, *_ = blocks(NOTEBOOK)
+    needed = (ROOT / "requirements.txt").read_text()
+    for package in re.findall(r"^\w+", needed, re.MULTILINE):
+        assert package in first, f"{package} is in requirements.txt"
+    assert {*re.findall(r"\S+==\S+", first)} <= {*needed.split()}, "of requirements.txt"
 
 
 @pytest.mark.parametrize("script, arguments, mention", [

@@ -66,6 +66,8 @@ ARMS = {"LShoulderPitch": 0.6, "LElbow": 0.3, "RShoulderPitch": -0.6, "RElbow": 
 OURS = """dof_damping dof_armature dof_frictionloss actuator_gainprm actuator_biasprm
     actuator_biastype actuator_forcerange actuator_forcelimited jnt_actfrclimited""".split()
 OPTIONS = "timestep", "cone", "disableflags"
+BENT = np.full(12, 0.5)  # [rad] joint angles at which the two robots are compared
+ALIKE = 3 * [0.05] + 9 * [0.17]  # [m] largest difference of a place; of a rotation's entries, 10°
 
 
 # ------------------------------------------------------------------------ the team's model
@@ -123,6 +125,14 @@ def team_sim(urdf, mend):
     return TeamSim
 
 
+def links(simulator, joints):
+    """Where torso and links are, and how they are turned, seen from the torso [9, 12]."""
+    data = mujoco.MjData(simulator.model)
+    data.qpos[6:] = joints
+    mujoco.mj_kinematics(simulator.model, data)
+    return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
+
+
 def readable(path):
     """A URDF as MuJoCo can read it: the left leg first, and of all shapes only spheres, the cleats.
     An InputError if it is not one, or one of another robot."""
@@ -137,7 +147,12 @@ def readable(path):
                     link.remove(part)
         root[:] = sorted(root, key=lambda part: part.get("name", "").upper().startswith("R"))
         urdf, robot = ET.tostring(root, encoding="unicode"), robot_model.RobotModel()
-        team_sim(urdf, True)(1, robot_model.stance(robot), robot)  # compiles it
+        settings = 1, robot_model.stance(robot), robot
+        theirs, ours = team_sim(urdf, True)(*settings), robot_model.MujocoSim(*settings)
+        if not (np.abs(links(theirs, BENT) - links(ours, BENT)) < ALIKE).all():  # or nan
+            raise ValueError("its links are not where ours are: axes, lengths in metres?")
+        if not 0.9 < theirs.model.body_mass.sum() / ours.model.body_mass.sum() < 1.1:
+            raise ValueError("its mass is not that of our robot: in kilograms?")
     except (OSError, ET.ParseError, LookupError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise InputError(f"{path}: no URDF of the team's robot ({reason})") from error

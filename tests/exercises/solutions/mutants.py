@@ -35,6 +35,7 @@ HARMLESS = {  # so many mistakes that compute the same, or that nobody should as
     "_knot: instead of Mult": 1,  # by a sign
     "reward_terms: exchanged in Sub": 1,  # squared
     "reward_terms: arguments exchanged": 1,
+    "wilson: instead of 1.0": 1,  # only rounding makes more than 1
     "bootstrap: instead of 0": 1,  # another seed
     "highest_speed: exchanged in Sub": 1,  # of both signs
     "look_up: exchanged in a row": 2,  # corners in another order

@@ -10,12 +10,6 @@ def wrap(angle):
     return angle - 2 * np.pi * np.floor((angle + np.pi) / (2 * np.pi))
 
 
-def wrap(angle):
-    """By arctan2, and π becomes −π."""
-    angle = np.arctan2(np.sin(angle), np.cos(angle))
-    return np.where(angle >= np.pi, -np.pi, angle)
-
-
 def compose(base, pose):
     """Adds and overwrites the place."""
     total = base + pose
@@ -194,16 +188,10 @@ def quintic(start, end, duration):
 
 def quintic(start, end, duration):
     """Three equations, by the inverse of a matrix."""
-    start, end, T = (np.asarray(start, float), np.asarray(end, float), duration)
-    p, v, a = (start[..., 0], start[..., 1], start[..., 2])
-    miss = np.stack(
-        [end[..., 0] - p - v * T - a * T**2 / 2, end[..., 1] - v - a * T, end[..., 2] - a], -1
-    )
-    matrix = np.array(
-        [[T**3, T**4, T**5], [3 * T**2, 4 * T**3, 5 * T**4], [6 * T, 12 * T**2, 20 * T**3]]
-    )
-    high = miss @ np.linalg.inv(matrix).T
-    return np.concatenate([np.stack([p, v, a / 2], -1), high], -1)
+    start, T = np.asarray(start, float), duration
+    miss = end - start @ [[1, 0, 0], [T, 1, 0], [T**2 / 2, T, 1]]
+    matrix = [[T**3, 3 * T**2, 6 * T], [T**4, 4 * T**3, 12 * T**2], [T**5, 5 * T**4, 20 * T**3]]
+    return np.concatenate([start / [1, 1, 2], miss @ np.linalg.inv(matrix)], -1)
 
 
 def _swing(self, start, landing):
@@ -350,13 +338,6 @@ def low_pass(velocity, command, seconds, time_constant):
 
 
 def wilson(count, total, z=1.96):
-    """By an array, the rate as count · (1/n)."""
-    n, p = (float(total), count * (1 / total))
-    middle, half = (p + z**2 / (2 * n), z * np.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2))
-    return np.clip(np.array([middle - half, middle + half]) / (1 + z**2 / n), 0, 1).tolist()
-
-
-def wilson(count, total, z=1.96):
     """Counts instead of rates, by NumPy."""
     middle = (count + z**2 / 2) / (total + z**2)
     width = z * np.sqrt(count * (total - count) / total + z**2 / 4) / (total + z**2)
@@ -448,53 +429,6 @@ def look_up(value, poses):
             weight = weight * (at % 1 if one else 1 - at % 1)
         total = total + weight * wide[yaw.astype(int) + c, x.astype(int) + a, y.astype(int) + b]
     return total
-
-
-def look_up(value, poses):
-    """One axis after the other."""
-    x = np.clip(poses[..., 0] / CELL + HALF, 0, 2 * HALF)
-    y = np.clip(poses[..., 1] / CELL + HALF, 0, 2 * HALF)
-    yaw = np.mod(poses[..., 2] / TURN, TURNS)
-    i, j = (np.minimum(c.astype(int), 2 * HALF - 1) for c in (x, y))
-    k = np.floor(yaw).astype(int)
-    u, v, w = (x - i, y - j, yaw - k)
-    part = [
-        (1 - w) * value[k % TURNS, a, b] + w * value[(k + 1) % TURNS, a, b]
-        for a in (i, i + 1)
-        for b in (j, j + 1)
-    ]
-    near, far = ((1 - v) * part[0] + v * part[1], (1 - v) * part[2] + v * part[3])
-    return (1 - u) * near + u * far
-
-
-def steps_to_go(moves, task):
-    """A number of sweeps that is enough, from 0 upward."""
-    axis = CELL * np.arange(-HALF, HALF + 1)
-    yaws = TURN * np.arange(TURNS)
-    near = np.hypot(axis[:, None], axis) <= task.success_m + 1e-09
-    turned = np.abs(robot_model.wrap(yaws)) <= task.success_rad + 1e-09
-    goal = near & turned[:, None, None]
-    value = np.where(goal, 0.0, 0.0).astype(np.float32)
-    longest = np.abs(moves[:, :2]).max() * math.sqrt(2)
-    pad = math.ceil(longest / CELL) + 1
-    for sweep in range(60):
-        border = np.pad(value, ((0, 0), (pad, pad), (pad, pad)), constant_values=FAR)
-        best = np.full_like(value, FAR)
-        for k, yaw in enumerate(yaws):
-            for move, turn in zip(robot_model.turned(moves[:, :2], yaw), moves[:, 2]):
-                (i, j), (u, v) = np.divmod(move / CELL, 1)
-                m, w = divmod(k + turn / TURN, 1)
-                x = slice(int(i) + pad, int(i) + pad + 2 * HALF + 2)
-                y = slice(int(j) + pad, int(j) + pad + 2 * HALF + 2)
-                this, following = (border[int(m) % TURNS, x, y], border[int(m + 1) % TURNS, x, y])
-                part = (1 - w) * this + w * following
-                part = (1 - u) * part[:-1] + u * part[1:]
-                part = (1 - v) * part[:, :-1] + v * part[:, 1:]
-                np.minimum(best[k], part, out=best[k])
-        better = np.where(goal, 0.0, np.minimum(best + 1, FAR)).astype(np.float32)
-        if sweep == 59:
-            return better
-        value = better
 
 
 def beta_log_prob(x, alpha, beta):

@@ -19,17 +19,17 @@ def right(mistake):
 
 
 # ------------------------------------------------------------------------ stage 1
-@wrong("(−π, π]", "π becomes −π")
+@right("by arctan2: π, which is a little less, may stay")
 @wrong("in degrees", "too few turns")
 @wrong("a remainder with the sign of the angle", "too few turns")
 @wrong("takes away a single turn", "too few turns")
 def wrap(angle):
-    if mistake == "(−π, π]":
-        return np.arctan2(np.sin(angle), np.cos(angle))
     if mistake == "in degrees":
         return (angle + 180) % 360 - 180
     if mistake == "a remainder with the sign of the angle":
         return np.fmod(angle + np.pi, 2 * np.pi) - np.pi
+    if mistake != "takes away a single turn":
+        return np.arctan2(np.sin(angle), np.cos(angle))
     angle = np.where(angle >= np.pi, angle - 2 * np.pi, angle)
     return np.where(angle < -np.pi, angle + 2 * np.pi, angle)
 
@@ -280,11 +280,15 @@ def low_pass(velocity, command, seconds, time_constant):
     return velocity + min(1, seconds / max(time_constant, 1e-9)) * (command - velocity)
 
 
+@right("as the formula is written, not clipped")
 @wrong("no width at 0 and 1", "Wilson")
 def wilson(count, total, z=1.96):
-    p = count / total
-    margin = z * math.sqrt(p * (1 - p) / total)
-    return [p - margin, p + margin]
+    p, n = count / total, total
+    if mistake == "no width at 0 and 1":
+        z_n, margin = 0, z * math.sqrt(p * (1 - p) / n)
+    else:
+        z_n, margin = z**2 / n, z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
+    return [(p + z_n / 2 - margin) / (1 + z_n), (p + z_n / 2 + margin) / (1 + z_n)]
 
 
 @right("in single precision")
@@ -368,6 +372,7 @@ def time_ratio(trials, reference):
 
 
 # ------------------------------------------------------------------------ studies
+@right("corner by corner")
 @wrong("no interpolation", "mean of the eight corners")
 @wrong("cuts negative yaws towards 0", "after the last yaw, the first")
 @wrong("extrapolates beyond the map", "Beyond the map")
@@ -392,6 +397,7 @@ def look_up(value, poses):
 
 
 @right("by look_up")
+@right("from 0 upward")
 @wrong("comes back on the other side of the map", "The map ends at its edge")
 @wrong("only the goal's own cell", "within 5 cm it has arrived")
 @wrong("the maximum over the moves", "V[yaw, x, y]")
@@ -422,6 +428,8 @@ def steps_to_go(moves, task):
         after[..., :2] = (after[..., :2] + width / 2) % width - width / 2
     outside = (np.abs(after[..., :2]) > CELL * HALF + 1e-9).any(-1)
     value = np.where(goal, 0.0, FAR).transpose(2, 0, 1)  # [yaw, x, y]
+    if mistake == "from 0 upward":
+        value = 0 * value
     for _ in range(3 if mistake == "stops too early" else 60):
         reached = np.where(outside, FAR, look_up(value, after))  # [x, y, yaw, A]
         best = reached.max(-1) if mistake == "the maximum over the moves" else reached.min(-1)
