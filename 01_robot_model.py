@@ -714,6 +714,15 @@ def sound(number, least=0):
     return number
 
 
+class Part(pymunk.Body):
+    """A body of pymunk whose copy keeps its place. (The copy of a robot that walks is off by some
+    millimetres, as the solver's memory is not copied.)"""
+
+    def __setstate__(self, state):
+        super().__setstate__(state)
+        self.position = self.position  # it was set before the centre of mass, which it moves
+
+
 class PymunkSim(Simulator):
     """N planar robots: pymunk simulates the sagittal plane. In it the robots stand, slip, and fall.
     Sideways they move as commanded, and they turn as commanded.
@@ -739,13 +748,6 @@ class PymunkSim(Simulator):
         self.links = planar_links(robot)
         super().__init__(num_robots, standing, robot)
 
-    def __setstate__(self, state):
-        """A copy (of a robot that walks within millimetres: pymunk does not copy its solver)."""
-        vars(self).update(state)
-        for _, bodies, _ in filter(None, self.worlds):
-            for body in bodies:
-                body.position = body.position  # pymunk sets it before the centre of mass
-
     def place(self, robots):
         """See `Simulator`."""
         for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
@@ -770,7 +772,7 @@ class PymunkSim(Simulator):
         for link, factor, point, pitch in zip(
             self.links, self.body.mass[i, self.LINKS].tolist(), points, pitches
         ):
-            body = pymunk.Body(sound(link.mass * factor), sound(link.inertia[1] * factor))
+            body = Part(sound(link.mass * factor), sound(link.inertia[1] * factor))
             x, _, z = link.com + moved * (link is self.links[0])
             body.center_of_gravity = x, z  # seen from the joint
             body.angle = -pitch
