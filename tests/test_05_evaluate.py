@@ -321,7 +321,9 @@ def test_table_has_the_paper_s_rows_below_ours():
     want = f"| σ 1.0 m | yes | b | 0.767 {interval} | 0.667, 0.333 | 0, 0 | 1.000 |"
     hint = "goal by goal 0.3, 0.8, 1.2: two of three are faster, one is slower; both fell in the fourth"
     assert pair == want, hint
-    assert want.replace(interval, "[nan, nan]") in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
+    assert want.replace(interval, "[ nan, nan]") in re.sub(
+        " +", " ", evaluate.table(rows, pairs(1))
+    )
     assert "Time: mean of" not in evaluate.table(rows, []), "no empty table"
     exact = evaluate.table([row_of("policy", False, 0.5)], [])
     assert " 0.980 " in exact and "11.13" in exact, "Table II without noise"
