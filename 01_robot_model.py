@@ -707,6 +707,15 @@ def sound(number, least=0):
     return number
 
 
+class Part(pymunk.Body):
+    """A body of pymunk whose copy keeps its place. (The copy of a robot that walks is off by some
+    millimetres, as the solver's memory is not copied.)"""
+
+    def __setstate__(self, state):
+        super().__setstate__(state)
+        self.position = self.position  # it was set before the centre of mass, which it moves
+
+
 class PymunkSim(Simulator):
     """N planar robots: pymunk simulates the sagittal plane.
 
@@ -729,13 +738,6 @@ class PymunkSim(Simulator):
         self.worlds = [None] * num_robots  # of each robot: its space, seven bodies, six motors
         self.links = planar_links(robot)
         super().__init__(num_robots, standing, robot)
-
-    def __setstate__(self, state):
-        """Makes a copy. (Amid a walk it is off by millimetres: pymunk does not copy its solver.)"""
-        vars(self).update(state)
-        for _, bodies, _ in filter(None, self.worlds):
-            for body in bodies:
-                body.position = body.position  # pymunk sets it before the centre of mass
 
     def place(self, robots):
         """See `Simulator`."""
@@ -764,7 +766,7 @@ class PymunkSim(Simulator):
         for link, factor, (x, _, z), point, pitch in zip(
             self.links, factors, coms, points, pitches
         ):
-            body = pymunk.Body(sound(link.mass * factor), sound(link.inertia[1] * factor))
+            body = Part(sound(link.mass * factor), sound(link.inertia[1] * factor))
             body.center_of_gravity = x, z
             body.angle = -pitch
             body.position = point

@@ -531,7 +531,7 @@ def plot_walks(poses, commanded, path, title):
     axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
     axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
     axis.margins(0.1)  # the arrows need it
-    axis.legend()
+    axis.legend(loc="upper right")
     robot_model.save_figure(axis.figure, path)
 
 

@@ -690,7 +690,7 @@ def plot_rewards(episode, errors, path):
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )
-    curves.legend()
+    curves.legend(loc="upper left", ncols=2)
     for error, style, name in zip(errors, ("o-", "x--"), ("error", "what the filter takes for it")):
         estimate.plot(range(1, len(error) + 1), 100 * error, style, label=name)
     estimate.axhline(100 * Task.noise_m, color="0.5", label="error of one measurement")
@@ -700,7 +700,7 @@ def plot_rewards(episode, errors, path):
         ylabel="root mean square error of x and y [cm]",
         ylim=(0, None),
     )
-    estimate.legend()
+    estimate.legend(loc="lower left")
     robot_model.save_figure(curves.figure, path)
 
 

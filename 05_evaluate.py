@@ -274,7 +274,7 @@ in which the robot fell with `policy` alone, with the other planner alone.
 | ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
 """
 RATIO = (
-    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{low:.3f}, {high:.3f}] "
+    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{low:5.3f}, {high:5.3f}] "
     "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
 )
 

@@ -314,7 +314,7 @@ def test_table_has_the_paper_s_rows_below_ours():
         "goal by goal 0.3, 0.8, 1.2: two of three are faster, one is slower; the policy alone fell"
     )
     assert pair == want, hint
-    assert "| 0.767 [nan, nan] |" in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
+    assert "| 0.767 [ nan, nan] |" in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
     assert "Time: mean of" not in evaluate.table(rows, []), "no empty table"
     exact = evaluate.table([row_of("policy", False, 0.5)], [])
     assert " 0.980 " in exact and "11.13" in exact, "Table II without noise"

@@ -1,6 +1,7 @@
 """Hard to break: bodies, consoles, surroundings and ends of a process that nobody would wish for."""
 
 import io
+import itertools
 import multiprocessing
 import os
 import shlex
@@ -19,6 +20,7 @@ from test_scripts import python
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
+walk_engine = import_module("02_walk_engine")
 env = import_module("03_env")
 
 
@@ -102,6 +104,14 @@ def test_who_stops_reading_gets_no_traceback():
     command = shlex.join([sys.executable, "-u", "-c", code]) + " | head -n 1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("0\n", "")
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_busy_machine_draws_every_legend_in_silence(tmp_path):
+    """matplotlib warns where it has looked for a place for more than a second."""
+    with mock.patch("time.perf_counter", side_effect=itertools.count(step=2)):
+        walk_engine.plot_walks(*np.zeros((2, 4, 9, 3)), tmp_path / "walks.png", "")
+        env.plot_rewards({"r_d": np.ones(5)}, np.ones((2, 15)), tmp_path / "rewards.png")
 
 
 # ------------------------------------------------------------------------ notebooks

@@ -217,7 +217,7 @@ def plot(found, sim):
                 (best,) = pick(rows, chosen=True)
                 axis.plot(100 * best[key], best["time"], "ko", ms=17, fillstyle="none")
         axis.set(xlabel=f"falls: {title}")
-    axes[0].legend()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     axes[0].set_ylabel("mean time, near and far [s]")
     figure.suptitle(f"What speed costs: settings and trainings, circles: chosen ({sim})")
     return figure

@@ -130,9 +130,7 @@ def train(args):
         raise robot_model.InputError("--steps and --actors from 1 on")
     connect(args.actors, args.address)
     make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True)
-    _, rows = ppo.train(
-        ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed, args.resume, noise=True
-    )
+    _, rows = ppo.train(ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed, args.resume)
     ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
     print("written:", args.out / "policy.pt")
 

@@ -222,7 +222,7 @@ def plot(found, sim):
         title=f"Pushed every 3 s on average, on the way to far goals ({sim})",
         ylim=(0, None),
     )
-    axis.legend()
+    axis.legend(loc="upper left")
     return figure
 
 

@@ -270,7 +270,7 @@ def plot(found, sim):
     falls.set_ylabel("falls [% of the walks]")
     for axis in (times, falls):
         axis.set(xlabel="distance of the goal [m]", ylim=(0, None))
-    times.legend()
+    figure.legend(*times.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.suptitle(
         f"Any direction and yaw, {goals} walks a point, with noise, bars: 95 % intervals ({sim})"
     )
