@@ -147,6 +147,9 @@ class RobotModel:
         return np.array([[0, self.hip_y, self.hip_z], [0, -self.hip_y, self.hip_z]])
 
 
+ROBOT = RobotModel()
+
+
 class Trajectory:
     """Joint targets of n robots for T control ticks, whatever the robots measure (open loop). The
     plans of stage 2 have the same interface, and answer what is measured (closed loop)."""
@@ -360,8 +363,7 @@ def centre_of_mass(robot, torso, joints):
 def main():
     args = stage_parser(__doc__).parse_args()
     out = output_folder(args)
-    robot = RobotModel()
-    standing = stance(robot, SIMULATORS[args.sim].planar)
+    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
     # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
@@ -370,7 +372,7 @@ def main():
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
     # (Names that are defined below this function are looked up when it runs.)
-    sim = SIMULATORS[args.sim](len(leans), standing, robot)
+    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
     sim.reset(np.arange(len(leans)))
     motion = sim.run(np.arange(len(leans)), Trajectory(joints))
     if motion.fell[0] or not motion.fell.any():
@@ -384,10 +386,10 @@ def main():
     axes = Figure().subplots()
     camera = camera_at(-90, 10)  # [3, 3] its rows: towards the camera, right, up
     draw_ground(axes, camera, 0.5)
-    draw_robots(axes, robot, torso, joints, camera)
-    _, right, up = camera @ centre_of_mass(robot, torso, joints).T
+    draw_robots(axes, ROBOT, torso, joints, camera)
+    _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
     axes.plot(right, up, "k.-")
-    axes.axvline(robot.foot_front, color="black", ls=":")
+    axes.axvline(ROBOT.foot_front, color="black", ls=":")
     axes.set_title(
         f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
         "blue, orange: left, right leg; dots: centre of mass; dotted line: toes, at first"
@@ -677,8 +679,6 @@ class MujocoSim(Simulator):
             self.physics[robots],
             inputs,
             control_spec=mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED,
-            # Its threads wait for the next call. A forked process has none of them.
-            persistent_pool=os.getpid() == PROCESS,
         )
         self.physics[robots] = states[:, -1]
         _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
@@ -831,7 +831,6 @@ class PymunkSim(Simulator):
 
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
-PROCESS = os.getpid()  # that has imported this file
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

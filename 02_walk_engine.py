@@ -64,9 +64,9 @@ class WalkParameters:
     trunk_height: float  # [m] torso frame above the soles
     trunk_phase: float  # [single steps] by which the trunk is late (< 0: early); −0.5 to 0.5
     trunk_pitch: float  # [rad] forward lean
-    trunk_swing: float  # [-] sideways: share of the distance from middle to support foot
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
-    trunk_roll: float  # [rad] towards the support foot, in the middle of a single step; ours
+    trunk_swing: float = 0.0  # [-] sideways: share of the distance from middle to support foot
+    trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`; ours, not tuned
     # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
     # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
@@ -91,9 +91,7 @@ TUNED = {
         trunk_height=0.3652,
         trunk_phase=0.0064,
         trunk_pitch=0.1098,
-        trunk_swing=0.0,
         trunk_x_offset=-0.001,
-        trunk_roll=0.0,
         reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
     ),
     "mujoco": WalkParameters(
@@ -151,32 +149,32 @@ class WalkEngine:
 
     All poses are seen from one fixed frame: the middle between the feet after a reset."""
 
-    def __init__(self, num_robots, parameters, robot=robot_model.RobotModel(), planar=False):
+    def __init__(self, num_robots, parameters, robot=robot_model.ROBOT, planar=False):
         p = self.parameters = parameters
         self.robot = robot
         self.planar = planar
-        self.half = p.half_ticks * robot.control_dt  # [s] a single step
-        self.period = 2 * self.half  # [s] a double step that does not wait
+        self.step_time = p.half_ticks * robot.control_dt  # [s] a single step
+        self.period = 2 * self.step_time  # [s] a double step that does not wait
         self.period_ticks = 2 * p.half_ticks  # [control ticks] the same
         self.stance = robot_model.stance(  # torso, joints
             robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
         )
         # Where each foot usually is, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
-        self.feet = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
+        self.foot_poses = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
         # Trunk [N, 6, 3]: x, y, z, roll, pitch, yaw; of each of them position, velocity,
         # acceleration. (Its height is constant.)
-        self.trunk = np.zeros((num_robots, 6, 3))
+        self.trunk_state = np.zeros((num_robots, 6, 3))
         self.answer = np.zeros((num_robots, 2, 3))  # of both feet to a push, see `capture_step`
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
         """These robots [n] stand still."""
         p = self.parameters
-        self.feet[robots] = self.beside / 2
+        self.foot_poses[robots] = self.beside / 2
         self.answer[robots] = 0
-        self.trunk[robots] = 0
-        self.trunk[robots, :, 0] = p.trunk_x_offset, 0, p.trunk_height, 0, p.trunk_pitch, 0
+        self.trunk_state[robots] = 0
+        self.trunk_state[robots, :, 0] = p.trunk_x_offset, 0, p.trunk_height, 0, p.trunk_pitch, 0
 
     def swinging(self, samples):
         """Which foot swings at these samples [...] of a plan, [..., 2] bool: left, right."""
@@ -192,7 +190,7 @@ class WalkEngine:
     def closing_step(self, robots):
         """How far the middle of the feet still goes if the next double step is in place, seen from
         this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
-        left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
+        left, right = self.foot_poses[robots].swapaxes(0, 1)  # [n, 3] each
         closed = compose(right, self.beside[:1])
         return robot_model.relative((left + right) / 2, (closed + right) / 2)
 
@@ -211,7 +209,7 @@ class WalkEngine:
         both: double support, both feet on the floor. A knot is the state (position, velocity,
         acceleration) that the trunk should have in the middle of a single step (trunk_phase later).
         Knot 3 lies in the next double step. Quintics join the knots."""
-        left, right = self.feet[robots].swapaxes(0, 1)  # [n, 3] each
+        left, right = self.foot_poses[robots].swapaxes(0, 1)  # [n, 3] each
         new_left, new_right = self.landings(right, footsteps)
         # The next left step is not known yet: we expect the same one again.
         next_left, _ = self.landings(new_right, footsteps)
@@ -228,11 +226,11 @@ class WalkEngine:
         feet[:, middle:, LEFT, ground] = new_left[:, None]
         feet[:, :middle, RIGHT, ground] = right[:, None]
         feet[:, middle:, RIGHT] = self._swing(right, new_right)
-        self.feet[robots] = np.stack([new_left, new_right], 1)
+        self.foot_poses[robots] = np.stack([new_left, new_right], 1)
         return WalkPlan(self, np.asarray(robots), trunk, feet)
 
     def _knot(self, support, start, landing):
-        """State of the trunk (as self.trunk) in the middle of a single step, [n, 6, 3].
+        """State of the trunk (as self.trunk_state) in the middle of a single step, [n, 6, 3].
 
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
         it lands. The trunk is half way between the middles of the feet before and after the step.
@@ -245,7 +243,7 @@ class WalkEngine:
         offset = seen * [0, p.trunk_swing, 0] + [p.trunk_x_offset, 0, 0]
         knot = np.zeros((len(centre), 6, 3))
         knot[:, GROUND, 0] = compose(centre, offset)
-        knot[:, GROUND, 1] = (after - before) / self.half
+        knot[:, GROUND, 1] = (after - before) / self.step_time
         knot[:, 2, 0] = p.trunk_height
         knot[:, 3, 0] = -p.trunk_roll * np.sign(seen[:, 1])  # a positive roll leans to the right
         knot[:, 4, 0] = p.trunk_pitch
@@ -255,9 +253,11 @@ class WalkEngine:
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
         time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
-        ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.half  # [3] [s] when a knot is reached
+        ends = (
+            np.arange(3) + 0.5 + p.trunk_phase
+        ) * self.step_time  # [3] [s] when a knot is reached
         begins = 0.0, *ends
-        states = self.trunk[robots], *knots  # [n, 6, 3] each
+        states = self.trunk_state[robots], *knots  # [n, 6, 3] each
         path = np.empty((len(states[0]), 6, len(time)))
         for k in range(3):
             # [n, 6, 6] coordinates, coefficients
@@ -266,7 +266,7 @@ class WalkEngine:
             path[..., later] = polynomial(spline, time[later] - begins[k])
         # The double step ends within the last spline. The next one begins in the state there.
         state = [polynomial(spline, self.period - begins[2], order) for order in range(3)]
-        self.trunk[robots] = np.stack(state, -1)
+        self.trunk_state[robots] = np.stack(state, -1)
         return path.swapaxes(1, 2)
 
     def _swing(self, start, landing):
@@ -397,7 +397,7 @@ def push_force(robot, speed):
     return robot.torso.mass * speed / (PUSH_TICKS * robot.control_dt)
 
 
-def walkers(sim, num_robots, parameters=None, robot=robot_model.RobotModel()):
+def walkers(sim, num_robots, parameters=None, robot=robot_model.ROBOT):
     """The engine that plans for N robots, and their simulator (`reset` it first); parameters: None
     for TUNED."""
     simulator = robot_model.SIMULATORS[sim]
@@ -406,7 +406,7 @@ def walkers(sim, num_robots, parameters=None, robot=robot_model.RobotModel()):
 
 
 def walk_plans(
-    sim, parameters, footsteps, body=None, disturb=None, watch=None, robot=robot_model.RobotModel()
+    sim, parameters, footsteps, body=None, disturb=None, watch=None, robot=robot_model.ROBOT
 ):
     """Lets N robots, which differ from the model by `body`, walk K double steps [N, K, 2, 3].
 
@@ -432,7 +432,7 @@ def walk_plans(
             disturb(k, disturbance, up)
         motion = simulator.run(up, plan, disturbance)
         poses[up, k + 1 :] = motion.torso[:, -1:, GROUND]
-        commanded[:, k + 1 :] = compose(engine.feet.mean(1), offset)[:, None] - offset
+        commanded[:, k + 1 :] = compose(engine.foot_poses.mean(1), offset)[:, None] - offset
         fall[up[motion.fell]] = k
         if watch:
             watch(engine, plan, motion)
@@ -449,7 +449,7 @@ WALKS = {  # eight double steps each
 }
 
 
-def pushed(sim, parameters, speed, count=12, robot=robot_model.RobotModel()):
+def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
 
     The push, see `push_force`, is forward, at this speed [m/s], and comes in the second double step
@@ -510,7 +510,7 @@ def plot_plan(engine, plan, motion, path):
             time = (first + np.arange(len(values))) * robot.control_dt
             axis.set_prop_cycle(color=[*robot_model.COLORS, "black"])
             axis.plot(time, values[..., k], style)
-        axis.axvline(engine.half, color="0.7")
+        axis.axvline(engine.step_time, color="0.7")
         axis.set(title=title, xlabel="time [s]")
     axes[2].set_ylim(-0.01, 0.05)  # the feet only
     names = "left foot", "right foot", "trunk"
@@ -547,10 +547,6 @@ def main():
         plan = engine.plan([WALKS["forward"]], [0])
         motion = simulator.run([0], plan)
     plot_plan(engine, plan, motion, out / "02_plan.png")
-    joints = robot_model.body_inverse(engine.robot, plan.trunk[0], plan.feet[0], engine.planar)
-    mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], joints)  # [T + 1, 3]
-    share = mass[:, 1].max() / (parameters.foot_distance / 2)
-    print(f"in the plan the centre of mass sways {share:.2f} of the distance to the support foot")
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)

@@ -157,8 +157,7 @@ class View:
     """What a planner may use for n robots; all of it is copied."""
 
     robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
-    goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot, estimated from all
-    #                   measurements so far
+    goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot: the estimate
     observation: np.ndarray  # [n, 20] rows as in OBSERVATION
     actions: np.ndarray  # [n, 2, 6] the last one, the one before
     period: float  # [s] of a usual double step, which does not wait
@@ -358,12 +357,11 @@ class FootstepWorld:
         drift=None,  # [m, m, rad] error of a double step that the filter expects; None: DRIFT
         task=Task(),
         spread=Spread(),
-        robot=robot_model.RobotModel(),
+        robot=robot_model.ROBOT,
     ):
         tables = robot_model.SIMULATORS, walk_engine.TUNED, LIMITS, DRIFT
         if not all(sim in table for table in tables):
-            text = "needs a row in SIMULATORS, TUNED, LIMITS and DRIFT"
-            raise robot_model.InputError(f"simulator {sim!r} {text}")
+            raise robot_model.InputError(f"no row of {sim!r} in SIMULATORS, TUNED, LIMITS or DRIFT")
         self.limits = limits or LIMITS[sim]
         self.drift = drift or DRIFT[sim]
         self.sim = sim
@@ -539,12 +537,12 @@ def draw_way(axes, world, goal, feet, camera, chosen=()):
     fill(goal, disc, fc="tab:green", alpha=0.9)
 
 
-def draw_scene(axes, world, goal, feet, torso, joints, chosen=()):
+def draw_scene(axes, world, goal, feet, torso, joints, chosen=(), size=4):
     """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
     [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen."""
     camera = robot_model.camera_at()
     axes.clear()
-    robot_model.draw_ground(axes, camera, 4)
+    robot_model.draw_ground(axes, camera, size)
     draw_way(axes, world, goal, feet, camera, chosen)
     robot_model.draw_robots(axes, world.engine.robot, torso[None], joints[None], camera)
     return camera
@@ -561,12 +559,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
-    def __init__(
-        self,
-        num_envs=64,
-        sim="pymunk",
-        **settings,  # of FootstepWorld: noise, push, walk, …
-    ):
+    def __init__(self, num_envs=64, sim="pymunk", **settings):  # of FootstepWorld: noise, push, …
         self.num_envs = num_envs
         bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 20]
         self.single_observation_space = gym.spaces.Box(*bounds)
@@ -584,7 +577,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         self.world.reset(self.robots, rngs, **(options or {}))
         return self.world.view(self.robots).observation, {}
 
-    def walk(self, actions):
+    def step_without_reset(self, actions):
         """Simulates one double step; no episode starts again. infos: the result of
         `FootstepWorld.step` without the Motion."""
         infos = self.world.step(actions, self.robots)
@@ -595,15 +588,11 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def step(self, actions):
         """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
-        observations, reward, terminated, truncated, infos = self.walk(actions)
+        observations, reward, terminated, truncated, infos = self.step_without_reset(actions)
         ended = terminated | truncated
         if ended.any():
-            infos = infos | {
-                "final_obs": observations.copy(),
-                "_final_obs": ended,
-                "final_info": infos,
-                "_final_info": ended,
-            }
+            final = {"final_obs": observations.copy(), "final_info": infos}
+            infos = infos | final | {"_final_obs": ended, "_final_info": ended}
             fresh = self.robots[ended]
             self.world.reset(fresh)
             observations[fresh] = self.world.view(fresh).observation
@@ -630,7 +619,7 @@ class FootstepEnv(gym.Env):
 
     def step(self, action):
         """Simulates one double step; the info holds the reward terms and how the episode ended."""
-        observations, *results, infos = self.envs.walk([action])
+        observations, *results, infos = self.envs.step_without_reset([action])
         terms = infos.pop("reward_terms")
         info = {name: value.item() for name, value in (infos | terms).items()}
         return observations[0], *(result.item() for result in results), info
@@ -640,9 +629,7 @@ class FootstepEnv(gym.Env):
         axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
         state, goal = self.world.simulator.state[0], self.world.goal[0]
         torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
-        camera = draw_scene(axes, self.world, goal, [], torso, joints)
-        seen = camera[1:] @ np.transpose([torso[:3], [*goal[:2], 0]])  # robot, goal  [2, 2]
-        axes.axis(np.column_stack([seen.min(1) - 0.5, seen.max(1) + 0.5]).ravel())
+        draw_scene(axes, self.world, goal, [], torso, joints, size=0.5)
         return robot_model.pixels(axes.figure)
 
 
@@ -729,8 +716,9 @@ def main():
         bar = tqdm(range(steps), name, leave=False)
         infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
-        print(f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls")
-        print("a robot was paid, in all its episodes together:")
+        print(
+            f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; each robot was paid"
+        )
         paid = {
             term: np.array([info["reward_terms"][term] for info in infos])  # [60, 64]
             for term in infos[0]["reward_terms"]

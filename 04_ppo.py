@@ -7,7 +7,7 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken:                          `learn`
         (1) a rollout: N robots take T double steps each, by π        `collect`
-        (2) judge every action: its advantage A, by V                 `gae`, `judge`
+        (2) judge every action: its advantage A, by V                 `gae`, `advantages_and_targets`
         (3) improve both networks, with every sample ten times:       `improve`
             ρ = π(a|s) / π_old(a|s),  Â = A, standardised
             L = mean min(ρ·Â, clip(ρ, 1 ± ε)·Â)                       `clipped_objective`
@@ -101,7 +101,7 @@ class ActorCritic(nn.Module):
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
-        self.shape = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
+        self.sizes = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
         # The last weights are small, so the first outputs x are nearly the bias. The bias is chosen
@@ -232,7 +232,7 @@ def clipped_objective(ratio, advantage, clip):
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
 
-def judge(model, data, cfg):
+def advantages_and_targets(model, data, cfg):
     """(2) The advantages, the critic's targets and log π_old, [B] each, B = T·N; data: tensors
     [T, N, …]."""
     with torch.no_grad():
@@ -257,7 +257,7 @@ def improve(model, optimizer, data, cfg):
     """(3) Takes gradient steps on a rollout, data: tensors [T, N, …]. Returns numbers over all
     samples: from before these steps entropy and explained_variance; from after them clip_fraction,
     approx_kl and value_loss."""
-    advantages, targets, old_log_prob = judge(model, data, cfg)  # [B] each
+    advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)  # [B] each
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean()  # [nats]
@@ -357,9 +357,9 @@ def train(
     updates = math.ceil(total_steps / samples)
     checkpoint = out / "checkpoint.pt"
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
-    actions, mode = envs.single_action_space, envs.metadata.get("autoreset_mode")
-    same_step = gym.vector.AutoresetMode.SAME_STEP
-    if actions != gym.spaces.Box(0, 1, actions.shape) or mode != same_step:
+    space = gym.spaces.Box(0, 1, envs.single_action_space.shape)
+    mode = envs.metadata.get("autoreset_mode")
+    if envs.single_action_space != space or mode != gym.vector.AutoresetMode.SAME_STEP:
         raise InputError("needs environments with actions in [0, 1] and AutoresetMode.SAME_STEP")
     # What must be the same when a stopped training goes on, as plain values: those in a file are
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
@@ -447,7 +447,7 @@ def fingerprint(world):
 def save_policy(path, model, **about):
     """Writes the model as it is now, and `about` (plain values, tensors). The name of the weights
     says what the actor's outputs mean: a file in which they mean something else is refused."""
-    stored = {**about, **plain(model.shape), "mode_and_concentration": model.state_dict()}
+    stored = {**about, **plain(model.sizes), "mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
@@ -499,8 +499,8 @@ def plot_learning_curve(rows, path, title):
         for k, column in enumerate(columns.split()):
             values = np.array([row.get(column, np.nan) for row in rows])
             mean = np.convolve(values, np.ones(width) / width, "valid")
-            middle = width // 2
-            axes.plot(steps[middle : middle + len(mean)], mean, f"C{k}")
+            middle = steps[width // 2 :]  # of the updates of each mean
+            axes.plot(middle[: len(mean)], mean, f"C{k}")
             axes.plot(steps, values, f"C{k}.", alpha=0.2)
         axes.set(title=name, xlabel="steps of all robots")
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10

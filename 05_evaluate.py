@@ -68,8 +68,6 @@ from tqdm import tqdm
 robot_model = import_module("01_robot_model")
 env = import_module("03_env")
 ppo = import_module("04_ppo")
-Figure = robot_model.Figure
-
 InputError = robot_model.InputError
 OUTCOMES = ("success", "timeout", "fall")
 FIGURE_GOALS = [[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]]  # x, y [m], yaw [rad]; our choice
@@ -274,7 +272,7 @@ in which the robot fell with `policy` alone, with the other planner alone.
 | ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
 """
 RATIO = (
-    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{low:5.3f}, {high:5.3f}] "
+    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:5.3f}, {3:5.3f}] "
     "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
 )
 
@@ -294,8 +292,7 @@ def table(rows, ratios, flags=""):
     if ratios:
         text += RATIO_HEAD
     for row in ratios:
-        low, high = row["time_ratio_ci95"]
-        text += RATIO.format(*block_of(row), low=low, high=high, **row)
+        text += RATIO.format(*block_of(row), *row["time_ratio_ci95"], **row)
     return text
 
 
@@ -427,7 +424,7 @@ class PolicyPlanner:
 def make_world(args, count, **settings):
     """A world as the command line asks for: with the robot of a file of your own, and with the same
     floor for all."""
-    settings["robot"] = robot_model.RobotModel()
+    settings["robot"] = robot_model.ROBOT
     if args.robot:
         settings["robot"], settings["walk"], settings["limits"] = names_in(
             args.robot,
@@ -488,9 +485,8 @@ def write_trials(path, blocks, results):
     for (planner, noise, std), ended in results.items():
         trials = blocks[std]
         for i, goal in enumerate(trials.goals):
-            walk = [ended[name][i] for name in ("mu", "outcome", "time", "steps")]
-            still = yes[ended["still_there"][i]]
-            lines.writerow([planner, yes[noise], std, trials.seed, i, *goal, *walk, still])
+            *walk, still = (values[i] for values in ended.values())
+            lines.writerow([planner, yes[noise], std, trials.seed, i, *goal, *walk, yes[still]])
     robot_model.write_text(path, text.getvalue())
 
 
@@ -527,8 +523,7 @@ def names_in(path, **wanted):
 
 def load_planner(path):
     """The planner in a file of your own."""
-    (planner,) = names_in(path, Planner=type)
-    return planner()
+    return names_in(path, Planner=type)[0]()
 
 
 def choose_planners(world, policies, files=()):
@@ -555,7 +550,7 @@ def choose_planners(world, policies, files=()):
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
     """Draws the paper's Fig. 3: walks to the same goals; planners by name (three)."""
-    figure = Figure(figsize=(13.2, 4.8))
+    figure = robot_model.Figure(figsize=(13.2, 4.8))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, planners.items()):
         title = f"{name}, without noise{draw_walks(panel, world, planner, trials)}"
@@ -593,8 +588,8 @@ def draw_walks(panel, world, planner, trials):
         env.draw_way(panel, world, goal, feet[i], robot_model.camera_at(-90, 90))
         x, y, _ = goal  # its name stands on the far side of it
         panel.text(x, y + math.copysign(0.22, y), f"goal {i + 1}", ha="center", va="center")
-        ending = f"{ended['outcome'][i]} after {ended['time'][i]:.1f} s"
-        title += f"\ngoal {i + 1}: {ending}, μ = {ended['mu'][i]:.2f}"
+        title += f"\ngoal {i + 1}: {ended['outcome'][i]} after {ended['time'][i]:.1f} s"
+        title += f", μ = {ended['mu'][i]:.2f}"
     return title
 
 
@@ -666,8 +661,7 @@ def play(world, name, planner, push):
             feet.clear()
         pushed = push if " " in keys else (0, 0)
         keys.clear()
-        window = -1.7, 1.7, -1.0, 1.6
-        for result in pictures(axes, world, planner, feet, pushed, name, window):
+        for result in pictures(axes, world, planner, feet, pushed, name, (-1.7, 1.7, -1, 1.6)):
             plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
             fell = result["fall"][0]
 
@@ -705,8 +699,10 @@ def write_results(args, blocks, results, out):
     """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
     rows = [summary(*key, trials) for key, trials in results.items()]
     ratios = compare(results)
-    differ = {name: getattr(args, name) for name in ("push", "friction", "robot")}
-    flags = [f"--{name} {value}" for name, value in differ.items() if value is not None]
+    others = "push", "friction", "robot"
+    flags = [
+        f"--{name} {getattr(args, name)}" for name in others if getattr(args, name) is not None
+    ]
     text = table(rows, ratios, " ".join(flags))
     print(f"\n{text}")  # before files are written, which may fail
     content = json.dumps(vars(args) | {"rows": rows, "ratios": ratios}, default=str)
@@ -732,7 +728,7 @@ def run(args):
     planners, shown = choose_planners(world, args.policy, args.planner)
     out = robot_model.output_folder(args)
     if args.play:
-        play(world, shown, planners[shown], np.array([args.push or 0.6, 0]))
+        play(world, shown, planners[shown], (args.push or 0.6, 0))
         return
     blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
     if args.far:

@@ -85,9 +85,9 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
 def test_trunk_passes_its_knots_between_the_feet(phase):
     engine = make_engine("mujoco", half_ticks=28, trunk_phase=phase)
-    p, (left, right) = engine.parameters, engine.feet[0].copy()
+    p, (left, right) = engine.parameters, engine.foot_poses[0].copy()
     trunk = engine.plan([[[-0.08, 0.03, -0.2], [0.06, 0.01, -0.1]]], [0]).trunk[0]  # [T + 1, 6]
-    new_left, new_right = engine.feet[0]
+    new_left, new_right = engine.foot_poses[0]
     steps = (right, left, new_left), (new_left, right, new_right)
     for k, (support, start, landing) in enumerate(steps):
         tick = round((k + 0.5 + phase) * p.half_ticks)  # the very tick of the knot
@@ -107,7 +107,7 @@ def test_trunk_passes_its_knots_between_the_feet(phase):
         # From knot to knot it is one quintic: a fit of degree 5 is exact.
         near = np.arange(10) if k == 0 else np.arange(-9, 1)
         c = polyfit(near * ROBOT.control_dt, trunk[tick + near], 5)
-        velocity = (after - before) / engine.half
+        velocity = (after - before) / engine.step_time
         close(c[1, [0, 1, 5]], velocity, "with the mean velocity of the step")
         close(c[1, 3:5], 0, "there the lean turns back")
         close(c[2], 0, "it passes unaccelerated", atol=1e-5)
@@ -228,8 +228,10 @@ def test_the_foot_lands_where_the_robot_leans_but_never_close_to_the_other_one()
     for lean, share in (-0.14, 1), (0.14, 0):
         engine = make_engine("mujoco", capture=1.0, wait=0.0, reflex=0.0)
         p = engine.parameters
-        engine.feet[0] = robot_model.compose(np.array([0, 0, np.pi / 2]), engine.feet[0])
-        engine.trunk[0, [0, 1, 5], 0] = 0, p.trunk_x_offset, np.pi / 2
+        engine.foot_poses[0] = robot_model.compose(
+            np.array([0, 0, np.pi / 2]), engine.foot_poses[0]
+        )
+        engine.trunk_state[0, [0, 1, 5], 0] = 0, p.trunk_x_offset, np.pi / 2
         plan = engine.plan(np.zeros((1, 2, 3)), [0])
         joints = followed(plan, lean)[29]
         # The robot leans as a whole, about its right foot. The left one is about to land: where?
@@ -279,7 +281,7 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
 
 def test_swing_foot_waits_rises_and_lands_at_rest():
     engine = make_engine("mujoco", half_ticks=31, double_support=0.08)  # for 2.5 ticks
-    p, start = engine.parameters, engine.feet[0, 0].copy()
+    p, start = engine.parameters, engine.foot_poses[0, 0].copy()
     feet = engine.plan([[[0.1, 0.02, 0.2], [0.1, 0.0, 0.0]]], [0]).feet
     left = feet[0, : p.half_ticks + 1, 0]  # [K, 4]
     time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step
@@ -291,7 +293,7 @@ def test_swing_foot_waits_rises_and_lands_at_rest():
 
     close(
         left[:, [0, 1, 3]],
-        start + np.outer(smooth(time), engine.feet[0, 0] - start),
+        start + np.outer(smooth(time), engine.foot_poses[0, 0] - start),
         "x, y and yaw (columns 0, 1 and 3) wait for double_support · half, not rounded to ticks, then "
         "go from rest to rest, and at both ends without acceleration: is it a quintic?",
     )
@@ -328,7 +330,7 @@ def test_feet_land_where_the_footsteps_put_them(sim):
         feet = engine.plan(footsteps[:, k], [0]).feet
         landed = feet[0, -1][:, [0, 1, 3]]
         close(landed, [left, right], f"left and right foot, double step {k}")
-        close(engine.feet[0], landed, "the engine remembers where they are")
+        close(engine.foot_poses[0], landed, "the engine remembers where they are")
 
 
 @BOTH

@@ -79,7 +79,7 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
 
 def test_a_vector_keeps_the_conventions_of_gymnasium():
     task = replace(TASK, time_limit=0.04 * WALK.half_ticks)  # two double steps
-    envs = gym.make_vec("Footsteps-v0", 2, render_mode="rgb_array", task=task)
+    envs = gym.make_vec("Footsteps-v0", 2, task=task)
     listed = gym.wrappers.vector.DictInfoToList(envs)
     listed.reset(seed=0)
     for step in range(2):
@@ -87,9 +87,6 @@ def test_a_vector_keeps_the_conventions_of_gymnasium():
         assert truncated.all() == (step == 1), "after the time limit"
         assert {"success", "reward_terms"} <= infos[1].keys()
     assert "final_info" in infos[0], "the info of what has ended, too"
-    pictures = envs.render()
-    assert [picture.shape for picture in pictures] == [(400, 400, 3)] * 2, "one for every robot"
-    assert (pictures[0] != pictures[1]).any(), "each shows its own robot and goal"
 
 
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
@@ -663,7 +660,7 @@ def test_whoever_changes_a_number_can_walk(sim, change):
 def test_a_misspelt_setting_or_option_is_an_error():
     with pytest.raises(TypeError, match="nois"):
         gym.make("Footsteps-v0", nois=True)
-    said = r"\Asimulator 'bullet' needs a row in SIMULATORS, TUNED, LIMITS and DRIFT\Z"
+    said = r"\Ano row of 'bullet' in SIMULATORS, TUNED, LIMITS or DRIFT\Z"
     with pytest.raises(robot_model.InputError, match=said):
         FootstepWorld(1, "bullet")
     with mock.patch.dict(robot_model.SIMULATORS, bullet=None):

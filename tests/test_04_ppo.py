@@ -380,7 +380,7 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
         hint = (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
             "step with π_old on all samples; explained variance and entropy are those of the model "
-            "that acted; is `judge` called more than once?"
+            "that acted; is `advantages_and_targets` called more than once?"
         )
         close(got[name], number.item(), hint, rtol=1e-3)
 
@@ -429,7 +429,7 @@ def test_the_critic_s_weight_is_value_coef(value_coef):
     cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9, value_coef=value_coef)  # one step
     start, model = fresh_model(), fresh_model()
     data = rollout(model)
-    judged = _, targets, _ = ppo.judge(start, data, cfg)
+    judged = _, targets, _ = ppo.advantages_and_targets(start, data, cfg)
     assert not any(numbers.requires_grad for numbers in judged), (
         "advantages, targets and π_old are numbers, which no gradient changes: no_grad"
     )
@@ -472,7 +472,7 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
             pi = model.policy(torch.zeros(1, 1))
         close(pi.mode, [[first]], atol=0.01)
         close(pi.mean * (1 - pi.mean) / pi.variance, [[51.0]], "α + β + 1", rtol=0.02)
-        assert [*model.shape["hidden"]] == [8]
+        assert [*model.sizes["hidden"]] == [8]
 
 
 def test_the_learning_rate_falls_to_zero():
@@ -725,7 +725,7 @@ class Foreign:
 
 def other_outputs(path):
     model = ActorCritic(5, 2)
-    torch.save(model.shape | {"alpha_and_beta": model.state_dict()}, path)
+    torch.save(model.sizes | {"alpha_and_beta": model.state_dict()}, path)
 
 
 @pytest.mark.parametrize("damage", [
@@ -749,7 +749,7 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
     ("", 250_000, "runs/pymunk"),
     ("--quick", 60_000, "runs/pymunk/quick"),
     ("--mujoco --resume", 250_000, "runs/mujoco"),
-    ("--quick --steps 70 --no-noise --out mine", 70, "mine"),
+    ("--quick --steps 70 --out mine", 70, "mine"),
 ], ids=str)  # fmt: skip
 def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
     called = mock.Mock(return_value=(None, []))
@@ -760,18 +760,17 @@ def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
     command = f'05_evaluate.py --noise{flag} --policy "{Path(out, "policy.pt")}"\n'
     assert command in capsys.readouterr().out, "it says how to go on, in the same simulator"
     given = inspect.signature(train).bind(*called.call_args.args, **called.call_args.kwargs)
-    make_envs, noise = given.arguments.pop("make_envs"), "--no-noise" not in arguments
+    make_envs = given.arguments.pop("make_envs")
     assert given.arguments == {
         "cfg": PPOConfig(),
         "out": Path(out),
         "total_steps": steps,
         "seed": 5,
         "resume": "--resume" in arguments,
-        "about": {"noise": noise},
     }
     assert Path(out).is_dir()
     world = make_envs(1).world
-    assert world.noise == noise, "the flag must reach the environment"
+    assert world.noise, "it learns from noisy goals"
     assert world.push == 0, "trained without pushes"
     assert world.sim == ("mujoco" if "--mujoco" in arguments else "pymunk")
 

@@ -2,6 +2,7 @@
 
 Run from the root of the repository:
 
+    python tests/exercises/predict.py sway --mujoco        how far a walking robot sways
     python tests/exercises/predict.py circle               the return of walking in a circle
     python tests/exercises/predict.py concentration        mode and mean of a Beta distribution
     python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
@@ -19,6 +20,17 @@ import torch
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
 import common
 from common import env, evaluate, robot_model, walk_engine
+
+
+def sway(sim):
+    """How far the centre of mass sways in the plan of a straight walk."""
+    engine, _ = walk_engine.walkers(sim, 1)
+    for _ in range(2):  # the second double step; the first one starts from standing
+        plan = engine.plan([walk_engine.WALKS["forward"]], [0])
+    joints = robot_model.body_inverse(engine.robot, plan.trunk[0], plan.feet[0])
+    mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], joints)  # [T + 1, 3]
+    share = mass[:, 1].max() / (engine.parameters.foot_distance / 2)
+    print(f"in the plan the centre of mass sways {share:.2f} of the distance to the support foot")
 
 
 def circle(sim):
@@ -123,6 +135,7 @@ def filter_(sim):
 
 
 EXPERIMENTS = {
+    "sway": sway,
     "circle": circle,
     "concentration": concentration,
     "reflex": reflex,

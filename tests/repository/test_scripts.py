@@ -251,7 +251,7 @@ def numbers(line):
     [
         ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco"], 0.0011),
         ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
-        ("sway", ["02_walk_engine.py --mujoco"], 0.005),
+        ("sway", ["tests/exercises/predict.py sway --mujoco"], 0.005),
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
         ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
     ],

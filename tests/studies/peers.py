@@ -90,7 +90,7 @@ def study_exact(args):
         for name in seen[0][0]
     }
     data["action"] = torch.as_tensor(buffer.actions)  # [T, N, ACTS]
-    advantages, _, _ = ppo.judge(model, data, CFG)
+    advantages, _, _ = ppo.advantages_and_targets(model, data, CFG)
     off = np.abs(advantages.numpy() - buffer.advantages.ravel())
     optimizer = torch.optim.Adam(model.parameters(), CFG.learning_rate, eps=1e-5)
     ppo.improve(model, optimizer, data, CFG)

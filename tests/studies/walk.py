@@ -136,7 +136,7 @@ def measure_drift(sim):
     trunk = [np.tile([walk.trunk_x_offset, 0, 0], (RANDOM, 1))]  # as planned  [N, 3] each
 
     def watch(engine, plan, motion):
-        trunk.append(engine.trunk[:, robot_model.GROUND, 0].copy())
+        trunk.append(engine.trunk_state[:, robot_model.GROUND, 0].copy())
 
     poses, _, fall = walk_engine.walk_plans(sim, walk, plans, *random_robots(rng, RANDOM), watch)
     trunk = np.stack(trunk, 1)  # [N, K + 1, 3]

@@ -196,9 +196,9 @@ def quintic(start, end, duration):
 
 def _swing(self, start, landing):
     """Axis by axis."""
-    wait = self.parameters.double_support * self.half
-    T = self.half - wait
-    t = np.linspace(0, self.half, self.parameters.half_ticks + 1) - wait
+    wait = self.parameters.double_support * self.step_time
+    T = self.step_time - wait
+    t = np.linspace(0, self.step_time, self.parameters.half_ticks + 1) - wait
     t = np.minimum(np.maximum(t, 0), T)
     foot = np.empty((start.shape[0], t.size, 4))
     for axis, column in enumerate((0, 1, 3)):
@@ -223,7 +223,7 @@ def _knot(self, support, start, landing):
         knot[i, 2, 0] = p.trunk_height
         knot[i, 5, 0] = yaw
         way = after - before
-        knot[i, [0, 1, 5], 1] = way / self.half
+        knot[i, [0, 1, 5], 1] = way / self.step_time
         knot[i, 4, 0] = p.trunk_pitch
         knot[i, 3, 0] = -p.trunk_roll if side > 0 else p.trunk_roll
     return knot
@@ -240,7 +240,7 @@ def _knot(self, support, start, landing):
     offset = np.stack([np.full_like(aside, p.trunk_x_offset), aside, 0 * aside], -1)
     knot = np.zeros((len(centre), 6, 3))
     knot[:, [0, 1, 5], 0] = compose(centre, offset)
-    knot[:, [0, 1, 5], 1] = (after - before) / self.half
+    knot[:, [0, 1, 5], 1] = (after - before) / self.step_time
     knot[:, 2, 0] = p.trunk_height
     knot[:, 3, 0] = -p.trunk_roll * np.sign(side)
     knot[:, 4, 0] = p.trunk_pitch

@@ -204,7 +204,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("gradients of any length", "as long as the gradient")
 @wrong("limits the actor's gradient only", "actor and critic together")
 @wrong("zero_grad is forgotten", "zero_grad")
-@wrong("judges in every epoch", "is `judge` called more than once?")
+@wrong("judges in every epoch", "is `advantages_and_targets` called more than once?")
 @wrong("a KL with much noise", "KL, clip fraction")
 @wrong("actions of other samples", "still belong together")
 @wrong("π_old in the order of the rollout", "of the same `pick`")
@@ -216,7 +216,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("shuffled once", "every epoch shuffles")
 @wrong("the entropy after the update", "entropy")
 def improve(model, optimizer, data, cfg):
-    advantages, targets, old_log_prob = judge(model, data, cfg)
+    advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean().item()
@@ -224,7 +224,7 @@ def improve(model, optimizer, data, cfg):
     once = torch.randperm(len(obs))
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
-            advantages, targets, old_log_prob = judge(model, data, cfg)
+            advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
         order = torch.randperm(len(obs))
         if mistake == "shuffled by NumPy":
             order = torch.from_numpy(np.random.permutation(len(obs)))
