@@ -335,7 +335,6 @@ def body_inverse(robot, trunk, feet, planar=False):
 
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
     """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
-
     The trunk is `x_offset` [m] ahead of the feet. (Stage 2 passes values of its own.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
@@ -526,7 +525,6 @@ def inertial(link, side=1):
 
 def leg_xml(robot, leg, side):
     """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
-
     Every body has its mass and its joints to the body around it. The sole is a box: pos is its
     centre seen from the ankle, size is half of each side [m]."""
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
@@ -816,7 +814,6 @@ class PymunkSim(Simulator):
 
     def _tick(self, i, speeds, force):
         """Simulates robot i for a tick: motors with these speeds [6], a force on the torso [N].
-
         Returns how far the torso moved ahead [m], its height [m], its rate of pitch [rad/s], and
         the pitches of the seven bodies [rad]."""
         space, bodies, motors = self.worlds[i]

@@ -117,7 +117,6 @@ MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the 
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
     """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
-
     start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]."""
     p0, v0, a0 = np.moveaxis(start, -1, 0)
     p1, v1, a1 = np.moveaxis(end, -1, 0)
@@ -146,7 +145,6 @@ def polynomial(c, t, order=0):
 # ------------------------------------------------------------------------ the engine
 class WalkEngine:
     """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
-
     All poses are seen from one fixed frame: the middle between the feet after a reset."""
 
     def __init__(self, num_robots, parameters, robot=robot_model.ROBOT, planar=False):

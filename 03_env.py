@@ -22,8 +22,9 @@ action. At the goal, or after a fall, the task is over: the episode is terminate
 time is up, the walk could go on: the episode is truncated. Stage 4 must tell these two apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` gives it the interface of
-`gymnasium.vector.VectorEnv`, for PPO, the learning method of stage 4. `FootstepEnv`
-("Footsteps-v0") has one robot and the interface of `gymnasium.Env`, for other libraries.
+`gymnasium.vector.VectorEnv`, for PPO in stage 4. `FootstepEnv` ("03_env:Footsteps-v0") has one
+robot and the interface of `gymnasium.Env`. All settings are arguments of `FootstepWorld`, and the
+other two take them, too: `FootstepWorld(64, walk=…)` has another walk.
 
 The formulas and scalars of the reward, and the encoding of the observation, stand in the paper's
 Table I and Fig. 2. Our copy of its text has lost both, so ours are chosen anew. The paper does not
@@ -41,9 +42,6 @@ goal combines all noisy measurements so far, in the same way for every planner (
 
 Read down to the line of equals signs. Below it are the world that brings everything together, the
 pictures, the interfaces of Gymnasium, and the demonstration.
-
-All settings are arguments of `FootstepWorld`: `FootstepWorld(64, walk=…)` has another walk. Both
-environments and `gymnasium.make("03_env:Footsteps-v0", …)` take the same arguments.
 """
 
 from dataclasses import dataclass
@@ -341,7 +339,6 @@ GOAL, WORLD, NOISE, PUSH, IMU = range(5)
 
 class FootstepWorld:
     """N robots and their N goals; call `reset` first. `robots` are the indices [n] of some of them.
-
     Every robot has a random generator of its own, so N robots together do the same as each of them
     alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
     noise for all planners."""
@@ -385,7 +382,6 @@ class FootstepWorld:
 
     def reset(self, robots, rngs=(), goals=None):
         """Starts episodes: these robots stand at the origin.
-
         rngs: n random generators; without them the robots go on with their own. goals [n, 3];
         without them the goals are random."""
         if goals is not None:
@@ -639,7 +635,6 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 # ------------------------------------------------------------------------ demonstration
 def hand_written(goal, limits):
     """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3].
-
     Its steps are at most half of what the limits allow. Farther than half a metre from the goal the
     robot turns towards the goal's position, nearer to the goal's yaw."""
     d, alpha, beta = polar(goal)

@@ -89,6 +89,17 @@ def mlp(sizes, last_gain):
     return nn.Sequential(*layers)
 
 
+@contextmanager
+def one_thread():
+    """Within it PyTorch computes with one thread: quicker here, and rounding as on any machine."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
@@ -96,8 +107,7 @@ class ActorCritic(nn.Module):
     hump, as α, β > 1. In the paper the actor's outputs are α and β. Ours say where the hump's top
     is, the mode m, and how narrow it is, the concentration c = α + β. Training uses sampled
     actions, evaluation the mode, as in the paper.
-        m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)
-    """
+        m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)"""
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
         super().__init__()
@@ -135,7 +145,7 @@ class ActorCritic(nn.Module):
 
     def decide(self, obs):
         """The action without exploring: the mode. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
-        with torch.no_grad():
+        with torch.no_grad(), one_thread():
             return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mode.numpy()
 
 
@@ -312,7 +322,6 @@ def episode_means(infos):
 
 def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=improve):
     """Runs the loop, from update `first` on; after every update yields numbers by name.
-
     improve(model, optimizer, data, cfg) changes the model, and returns some of these numbers."""
     obs, _ = envs.reset(seed=seed)
     for update in range(first, updates):
@@ -326,17 +335,6 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
 
 
 # ==================================================================== the end of a first reading
-@contextmanager
-def one_thread():
-    """Within it PyTorch computes with one thread. For matrices as small as ours this is quicker."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
 @one_thread()
 def train(
     cfg,

@@ -10,8 +10,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --play           click a goal, push the robot
-    python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default: all cores; in
-                                           3-D one process with threads)
+    python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (as always in 3-D)
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
@@ -91,15 +90,13 @@ def draw_trials(seed, count, far=False, purpose="evaluation"):
 
 def evaluate(planner, world, trials, watch=None):
     """Lets robot i walk to the goal of trial i, all at the same time, until each trial has ended.
-
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         mu           of the floor
         outcome      a name in OUTCOMES
         time         [s] of a success: to the end of the first of the double steps in a row that
                      ended at the goal; of another walk: all of it
         steps        double steps, all of them
-        still_there  a success, and at the goal also after two more double steps in place
-    """
+        still_there  a success, and at the goal also after two more double steps in place"""
     n = len(trials.goals)
     everybody = np.arange(n)
     # One generator per trial: its numbers depend neither on the planner nor on other trials.
@@ -136,7 +133,6 @@ def evaluate(planner, world, trials, watch=None):
 
 def double_step(planner, world, robots, push=(0, 0)):
     """Looks, decides, walks: returns what `FootstepWorld.step` does, see there for `push`.
-
     Raises a ValueError that names the planner's file if its actions are not [n, 6] in [0, 1]."""
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
     actions = env.checked(name, planner.act(world.view(robots)), len(robots), 6)
@@ -178,7 +174,7 @@ def time_ratio(trials, reference):
     if not both.any():
         return {}
     ours, theirs = trials["time"][both], reference["time"][both]
-    interval = np.array([np.nan, np.nan])
+    interval = np.full(2, np.nan)
     if len(ours) >= 20:  # in pairs: both take long to a distant goal; this cancels in the ratio
         interval = bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)
     return {
@@ -196,8 +192,7 @@ def mcnemar(ours, theirs):
 
     only_ours, only_theirs   trials in which it happened with one of them alone
     p                        how often chance would divide these between equals at least as unevenly
-                             (of twenty p between equals one is below 0.05, on average)
-    """
+                             (of twenty p between equals one is below 0.05, on average)"""
     one, other = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
     # Between equals each of these trials is a toss of a coin: P(at most k of n) = Σ C(n, i) / 2ⁿ
     n, k = one + other, min(one, other)
@@ -446,7 +441,6 @@ def walk_row(args, planner, trials, noise):
 
 def evaluate_all(args, blocks, planners):
     """Evaluates every planner in every block of Trials; with --noise a second time with noise.
-
     Returns what `evaluate` does, by row: (planner's name, noise, σ). blocks: Trials by the σ of
     their goals [m]. With --jobs other processes walk rows, but not those of a user's planner."""
     jobs = {  # by row in the order of the table
@@ -718,8 +712,9 @@ def main(argv=None):
         run(args)
     except SystemExit as error:
         files = filter(None, [*args.planner, args.robot])
-        reason = "ends Python, by exit() or by a main() without a guard"
-        raise InputError(f"{', '.join(map(str, files))}: {reason}") from error
+        raise InputError(
+            f"{', '.join(map(str, files))}: ends Python, by exit() or main()"
+        ) from error
 
 
 def run(args):
