@@ -372,8 +372,9 @@ def main():
     joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
     # (Names that are defined below this function are looked up when it runs.)
     sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
-    sim.reset(np.arange(len(leans)))
-    motion = sim.run(np.arange(len(leans)), Trajectory(joints))
+    robots = np.arange(len(leans))
+    sim.reset(robots)
+    motion = sim.run(robots, Trajectory(joints))
     if motion.fell[0] or not motion.fell.any():
         raise InputError("a robot falls at the first lean, or none: change the range of `leans`")
     i = motion.fell.argmax()  # the first one
@@ -677,6 +678,8 @@ class MujocoSim(Simulator):
             self.physics[robots],
             inputs,
             control_spec=mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_XFRC_APPLIED,
+            # Its threads wait for the next call. A forked process has none of them.
+            persistent_pool=os.getpid() == PROCESS,
         )
         self.physics[robots] = states[:, -1]
         _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
@@ -828,6 +831,7 @@ class PymunkSim(Simulator):
 
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
+PROCESS = os.getpid()  # that has imported this file
 CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

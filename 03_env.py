@@ -603,7 +603,6 @@ class FootstepEnv(gym.Env):
     def __init__(self, render_mode=None, **settings):  # those of FootstepVectorEnv
         self.render_mode = render_mode
         self.envs = FootstepVectorEnv(1, **settings)
-        self.world = self.envs.world
         self.observation_space = self.envs.single_observation_space
         self.action_space = self.envs.single_action_space
 
@@ -623,9 +622,10 @@ class FootstepEnv(gym.Env):
     def render(self):
         """The robot and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
         axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
-        state, goal = self.world.simulator.state[0], self.world.goal[0]
+        world = self.envs.world
+        state, goal = world.simulator.state[0], world.goal[0]
         torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
-        draw_scene(axes, self.world, goal, [], torso, joints, size=0.5)
+        draw_scene(axes, world, goal, [], torso, joints, size=0.5)
         return robot_model.pixels(axes.figure)
 
 

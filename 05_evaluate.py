@@ -577,13 +577,13 @@ def draw_walks(panel, world, planner, trials):
             panel.plot(*torso[:, :2].T, "k", lw=1)
             feet[i].append(poses)
 
-    ended, title = evaluate(planner, world, trials, watch), ""
+    end, title = evaluate(planner, world, trials, watch), ""
     for i, goal in enumerate(trials.goals):
         env.draw_way(panel, world, goal, feet[i], robot_model.camera_at(-90, 90))
         x, y, _ = goal  # its name stands on the far side of it
         panel.text(x, y + math.copysign(0.22, y), f"goal {i + 1}", ha="center", va="center")
-        title += f"\ngoal {i + 1}: {ended['outcome'][i]} after {ended['time'][i]:.1f} s"
-        title += f", μ = {ended['mu'][i]:.2f}"
+        ending = f"{end['outcome'][i]} after {end['time'][i]:.1f} s, μ = {end['mu'][i]:.2f}"
+        title += f"\ngoal {i + 1}: {ending}"
     return title
 
 

@@ -146,7 +146,7 @@ def test_many_goals_are_encoded_each_by_itself(shape):
 def test_the_last_two_actions_are_observed():
     one = env.FootstepEnv()
     one.reset(seed=0)
-    neutral = one.world.neutral_action
+    neutral = one.envs.world.neutral_action
     small = neutral + [0.05, 0, 0, 0, 0.02, 0]
     close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, "newest first")
     close(one.step(neutral)[0][8:], np.r_[neutral, small] * 2 - 1, "newest first")
@@ -671,7 +671,7 @@ def test_a_misspelt_setting_or_option_is_an_error():
     with pytest.raises(TypeError, match="goal'"):
         one.reset(options={"goal": [[1.0, 0, 0]]})
     one.reset()
-    *_, info = one.step(one.world.neutral_action)
+    *_, info = one.step(one.envs.world.neutral_action)
     assert {type(info[name]) for name in ("success", "fall", "timeout", "time")} == {bool, float}
 
 
