@@ -79,8 +79,8 @@ class WalkParameters:
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
-# Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found half_ticks = 34; we take 31
-# as in 3-D. In 3-D it was on 2026-11-23, for a robot without dry friction. A newer search in 3-D
+# Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found 34 half_ticks; 31 is as
+# in 3-D. In 3-D it was on 2026-11-23, for a robot without dry friction. A newer search in 3-D
 # found a walk with which every planner of stage 5 takes longer.
 TUNED = {
     "pymunk": WalkParameters(

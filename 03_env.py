@@ -4,11 +4,11 @@ Paper: section II a, b, d, e. One action is one double step. An episode ends at 
 fall, or when its time is up. The goal is reached if two double steps in a row end there. (In the
 paper one double step suffices.)
 
-    python 03_env.py      a random and a hand-written planner side by side; 15 seconds
+    python 03_env.py      a random planner, then a hand-written one; 20 seconds
 
 (`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
 what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
-is about noisy goals. Predict (the run shows the answers):
+is about noisy goals. Predict (the run shows the answers, but for a robot that stands still):
 
 1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
    hand-written planner, and which have negative sums?
@@ -28,10 +28,10 @@ other two take them, too: `FootstepWorld(64, walk=…)` has another walk.
 
 The formulas and scalars of the reward, and the encoding of the observation, stand in the paper's
 Table I and Fig. 2. Our copy of its text has lost both, so ours are chosen anew. The paper does not
-say how widely goals and errors vary. Three parts are added. Floor and body are random in every
-episode (`Spread`: domain randomization). The robot is pushed, if you ask for it. An estimate of the
-goal combines all noisy measurements so far, in the same way for every planner (`predict`,
-`correct`). Who knows what:
+say how widely goals and errors vary. Added are four rewards (of a fall, the goal, rest and time),
+and: Floor and body are random in every episode (`Spread`: domain randomization). The robot is
+pushed, if you ask for it. An estimate of the goal combines all noisy measurements so far, in the
+same way for every planner (`predict`, `correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last two actions: OBSERVATION
     another planner     the same, the whole estimate, the step limits, the step's period: `View`
@@ -68,7 +68,7 @@ class Task:
     success_m: float = 0.05  # [m] paper
     success_rad: float = np.radians(10)  # [rad] paper
     in_a_row: int = 2  # [-] so many double steps in a row must end at the goal; paper: 1
-    time_limit: float = 100.0  # [s] simulated; paper
+    time_limit: float = 100.0  # [s] simulated; paper, there of the evaluation
     noise_m: float = 0.05  # [m] standard deviation of the measured goal, x and y; ours
     noise_rad: float = 0.05  # [rad] of its yaw; ours
     imu_rad: float = 0.02  # [rad] of the tilt by the IMU (inertial measurement unit); ours
@@ -82,7 +82,7 @@ class Task:
     s_c: float = 0.1  # [-] continuity
     s_fall: float = 20.0  # [-] cost of a fall
     s_goal: float = 1.5  # [-] bonus for having arrived
-    s_stay: float = 1.0  # [-] for arriving near the middle (at the edge a cost): `margin_at_rest`
+    s_stay: float = 1.0  # [-] for arriving near the middle (outside a cost): `margin_at_rest`
     s_time: float = 0.04  # [-] cost of time, per usual double step
 
 
@@ -120,24 +120,23 @@ class StepLimits:
 
 
 # Our choice, from the maps of `python tests/studies/walk.py --limits`. Planar sideways steps cannot
-# cause a fall; their limit is our choice, too. Feet within these limits do not touch each other.
+# cause a fall; their limit is our choice, too. Where feet land, they do not touch each other.
 LIMITS = {
     "pymunk": StepLimits(low=(-0.15, -0.04, -0.40), high=(0.16, 0.15, 0.60)),
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.14, 0.18, 0.50)),
 }
 
-# How far a double step ends from its plan, standard deviation in m, m, rad: the process noise of
-# the filter. `python tests/studies/walk.py` prints about these numbers, with and without --mujoco.
-# In 3-D a single double step errs less: by 1.0 cm, 1.1 cm and 0.06 rad. But equal ones in a row err
-# alike.
+# The process noise of the filter [m, m, rad]: standard deviation of the sum of the errors of five
+# equal double steps, ÷ √5. `python tests/studies/walk.py` prints about these numbers. (`--mujoco`
+# in 3-D.) A single double step errs by about half of it. But equal ones in a row err alike.
 DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
 
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal;
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper, Fig. 2; the
 # encoding is ours). "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster
-# than d. Of a goal beyond 2 m a policy sees only the direction and the yaw. (Training has few such
-# goals.) What a double step does also depends on how the body moves when it begins. There is no
-# sensor for that, so the last two actions stand in for it.
+# than d. Of a goal beyond 2 m a policy sees little but the direction and the yaw. (These are 7 % of
+# the goals in training.) What a double step does also depends on how the body moves when it begins.
+# No planner sees that, so the last two actions stand in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -195,14 +194,14 @@ def polar(goal):
     return np.hypot(x, y), wrap(yaw), np.arctan2(y, x)
 
 
-def count_in_a_row(after, fall, in_a_row, task):
-    """How many double steps in a row, [n], have now ended at the goal. It is reached as soon as
-    they are `in_a_row` of the task.
+def count_in_a_row(after, fall, so_far, task):
+    """How many double steps in a row, [n], have now ended at the goal. It is reached when these are
+    as many as `in_a_row` of the task.
 
-    after [n, 3]: the goal seen from the robot; fall [n] bool; in_a_row [n]: the count so far."""
+    after [n, 3]: the goal seen from the robot; fall [n] bool; so_far [n]: the count before."""
     d, alpha, _ = polar(after)
     inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad)
-    return np.where(inside & ~fall, in_a_row + 1, 0)  # whoever falls is not at the goal
+    return np.where(inside & ~fall, so_far + 1, 0)  # whoever falls is not at the goal
 
 
 def encode_goal(goal):
@@ -287,8 +286,8 @@ def reward_terms(
 
 
 # ------------------------------------------------------------------------ the estimate
-# A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. A double step ends DRIFT from
-# its plan: only 1 to 2 cm, but in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
+# A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. For a double step the filter
+# expects DRIFT: 1 to 2 cm, in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
 # filter. (In 3-D it pays less for the yaw, and for a distant goal, which an unplanned turn moves to
 # the side.) The filter also keeps how large its error may be: the covariance P of the errors of x,
 # y and yaw. Its diagonal holds their variances.
@@ -330,7 +329,7 @@ def correct(goal, covariance, measured, noise):
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the world
 # Random numbers: every robot has a generator. It makes others in each episode, one for each
-# purpose, so a planner that measures the goal twice does not change the floor:
+# purpose, so one more measurement does not change the pushes:
 # GOAL    where it is                    PUSH   when, and in which direction
 # WORLD   floor and body                 IMU    its errors while the robot walks
 # NOISE   of the measured goal
@@ -426,8 +425,8 @@ class FootstepWorld:
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]  # [n, 3]
         # Without noise R is nearly 0, so K is 1: only the new measurement counts. (In 2-D a turn is
-        # exact, its drift is 0. There all measurements of the yaw are equal, and so is their mean.
-        # With R = 0 the second one would divide by 0.)
+        # exact, its drift is 0, and every measurement of the yaw equals its prediction. With R = 0
+        # the second one would divide by 0.)
         measured = self.relative_goal(robots) + noise
         self.estimate[robots], self.covariance[robots] = correct(
             self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
@@ -636,7 +635,7 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 def hand_written(goal, limits):
     """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3].
     Its steps are at most half of what the limits allow. Farther than half a metre from the goal the
-    robot turns towards the goal's position, nearer to the goal's yaw."""
+    robot turns towards the goal's position, from there on to the goal's yaw."""
     d, alpha, beta = polar(goal)
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     x, y, _ = goal.T
@@ -712,7 +711,7 @@ def main():
         infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
         goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
         print(
-            f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; each robot was paid"
+            f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; mean pay of a robot"
         )
         paid = {
             term: np.array([info["reward_terms"][term] for info in infos])  # [60, 64]

@@ -7,7 +7,7 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken:                          `learn`
         (1) a rollout: N robots take T double steps each, by π        `collect`
-        (2) judge every action: its advantage A, by V                 `gae`, `advantages_and_targets`
+        (2) judge every action: its advantage A, by V                 `gae`
         (3) improve both networks, with every sample ten times:       `improve`
             ρ = π(a|s) / π_old(a|s),  Â = A, standardised
             L = mean min(ρ·Â, clip(ρ, 1 ± ε)·Â)                       `clipped_objective`
@@ -23,7 +23,8 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
 During the training, checkpoint.pt in runs/<sim>/ holds what --resume needs. It is the policy so
 far, and stage 5 can evaluate it, too. At the end the stage writes policy.pt, learning_curve.csv and
 learning_curve.png there. (`plot_learning_curve` says what is normal in this picture.) The goal is
-measured with noise. `train` works with every Gymnasium task whose actions are in [0, 1].
+measured with noise (in the paper: in some evaluations). `train` takes other tasks of Gymnasium,
+too, with vectors to observe and actions in [0, 1].
 
 Read down to the line of equals signs. Below it are `train`, which keeps the files of a training,
 the picture, and the command line.
@@ -91,7 +92,7 @@ def mlp(sizes, last_gain):
 
 @contextmanager
 def one_thread():
-    """Within it PyTorch computes with one thread: quicker here, and rounding as on any machine."""
+    """PyTorch computes with one thread: quicker here, and core counts change no rounding."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -130,11 +131,11 @@ class ActorCritic(nn.Module):
         """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
         raw_mode, raw_c = self.actor(obs).chunk(2, dim=-1)
         mode = raw_mode.sigmoid()
-        # Never so narrow, or so wide, that a density is infinite, or has no top
+        # Limits for float32: ln π(a|s) stays finite, and the hump has a top
         c_minus_2 = nn.functional.softplus(raw_c).clamp(1e-3, 1e3)
         alpha, beta = 1.0 + c_minus_2 * mode, 1.0 + c_minus_2 * (1.0 - mode)
-        # 1: log π(a|s) is the sum over the last axis, the variables of an action. (PyTorch's checks
-        # of the values cost time.)
+        # 1: so ln π(a|s) is the sum over the last axis, the variables of an action. (PyTorch's
+        # checks of the values cost time.)
         return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
 
     def sample(self, obs):
@@ -144,7 +145,7 @@ class ActorCritic(nn.Module):
             return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
 
     def decide(self, obs):
-        """The action without exploring: the mode. ([8]: predict.) Arrays [N, obs] -> [N, act]."""
+        """The mode, without exploring ([8]: deterministic); arrays: [N, obs] -> [N, act]."""
         with torch.no_grad(), one_thread():
             return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mode.numpy()
 
@@ -359,7 +360,7 @@ def train(
     mode = envs.metadata.get("autoreset_mode")
     if envs.single_action_space != space or mode != gym.vector.AutoresetMode.SAME_STEP:
         raise InputError("needs environments with actions in [0, 1] and AutoresetMode.SAME_STEP")
-    # What must be the same when a stopped training goes on, as plain values: those in a file are
+    # What must be the same when a stopped training goes on (as plain values, like those of a file)
     fits = fingerprint(getattr(envs.unwrapped, "world", None))
     about = plain(about | {"seed": seed, "steps": updates * samples, "config": cfg, "fits": fits})
     if resume:
@@ -410,8 +411,8 @@ def first_model(envs, cfg, make_model):
 
 
 def stopped(checkpoint, about, make_model):
-    """The model, the rows of the log, and Adam's state of a training that was stopped; about: what
-    the file must hold, too."""
+    """The model, the rows of the log, and Adam's state of a training that was stopped; about: must
+    equal what the file holds."""
     model, stored = load_policy(checkpoint, make_model)
     if "rows" not in stored or any(stored.get(name) != value for name, value in about.items()):
         raise InputError(f"{checkpoint}: no stopped training with the same flags")
@@ -427,7 +428,7 @@ def plain(value):
 
 
 def fingerprint(world):
-    """What a policy is trained in, as plain values by name; nothing, if it is not a world."""
+    """What a policy is trained in, as plain values by name; None without a world."""
     return world and plain(
         {
             "simulator": world.sim,
@@ -479,16 +480,17 @@ def plot_learning_curve(rows, path, title):
     """Draws the log: a dot for each update, and a line, the mean over a twentieth of them.
 
     Normal is (numbers: the first and the last fifth of both `results/<sim>/learning_curve.csv`):
-    Successes rise, time-outs and times of successes fall. Until the first episodes run out of time
-    together, in update 11, only short walks end, so the first times are too low. Falls rise from
-    less than 0.001 of the walks to 0.002 or 0.003: the first policy mostly steps on the spot, and a
-    robot that learns to be quick falls sometimes. The entropy, how random the policy is (in nats:
-    with natural logarithms), falls. At first 0.44 of the samples are outside of 1 ± ε, at the end
-    0.23. The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04
-    to 0.02 nats. ([8] logs means over its gradient steps. Ours are taken after them, and larger.)
-    The explained variance, how much of the differences between the critic's targets V predicts,
-    stays between 0 and 0.2, and is below 0 in a quarter of the updates: even the true goal tells
-    little of what a walk will return (*A critic that sees the truth*, projects.md)."""
+    Successes are near 1, but for update 10 or 11, when the first episodes run out of time together.
+    Before it, and just after it, only short walks end: these times are too low. Then times of
+    successes fall. Falls rise from less than 0.001 of the walks to 0.002 or 0.003: the first policy
+    mostly steps on the spot, and a robot that learns to be quick falls sometimes. The entropy, how
+    random the policy is (in nats: with natural logarithms), falls. At first 0.44 of the samples are
+    outside of 1 ± ε, at the end 0.23 ([8] logs the mean over its gradient steps, which is smaller).
+    The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04 to 0.02
+    nats. The explained variance, how much of the differences between the critic's targets V
+    predicts, rises from about 0 to 0.2, and is below 0 in a quarter (2-D) or a third (3-D) of the
+    updates: even the true goal tells little of what a walk will return (*A critic that sees the
+    truth*, `tests/exercises/projects.md`)."""
     steps = np.array([row["steps"] for row in rows])  # [U]
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(10, 13))

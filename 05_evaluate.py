@@ -1,7 +1,7 @@
 """Stage 5: is the learned policy better than other planners, and how sure are we?
 
 Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). Its baseline
-[10] is a velocity controller: its speed is proportional to the distance, up to a limit.
+[10], by its public code, is a velocity controller: proportional to the distance, up to a limit.
 
     python 05_evaluate.py --noise          the paper's table and figure, with our robot: a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
@@ -10,7 +10,7 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --play           click a goal, push the robot
-    python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (as always in 3-D)
+    python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
 
 (`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
 `results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
@@ -18,9 +18,9 @@ task or robot is evaluated, too, and a note says what differs. The stage prints 
 are those of the walks that succeed: the mean, the median, and the 95th percentile (the time within
 which 95 % of them arrive). In the paper a walk succeeds when the robot is at the goal once. Here
 two double steps in a row must end there, and the time is the one to the end of the first of them.
-The stage writes table.md, evaluation.json, trials.csv and footsteps.png (two walks without noise)
-to `runs/<sim>/`. Predict: the paper's policy takes 55 % of the baseline's time, and with the policy
-the robot falls about twice as often as with the baseline. Is this so with our policy?
+The stage writes table.md, evaluation.json, trials.csv and footsteps.png (walks to two goals without
+noise) to `runs/<sim>/`. Predict: the paper's policy takes 55 % of the baseline's time, and with the
+policy the robot falls about twice as often as with the baseline. Is this so with our policy?
 
 A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
@@ -167,9 +167,9 @@ def time_ratio(trials, reference):
     """Compares the times of two planners over the goals that both reached; returns a dict:
 
     goals                         how many these are; the dict is empty if there is none
-    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its 95 % interval
-                                  (nan below 20 goals)
-    faster, slower                shares of the goals that took less, more than the reference"""
+    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its interval (95 %,
+                                  of 20 goals 92 %; below 20 goals nan)
+    faster, slower                shares of the goals reached sooner, later than by the reference"""
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
         return {}
@@ -192,7 +192,7 @@ def mcnemar(ours, theirs):
 
     only_ours, only_theirs   trials in which it happened with one of them alone
     p                        how often chance would divide these between equals at least as unevenly
-                             (of twenty p between equals one is below 0.05, on average)"""
+                             (of twenty p between equals at most one is below 0.05, on average)"""
     one, other = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
     # Between equals each of these trials is a toss of a coin: P(at most k of n) = Σ C(n, i) / 2ⁿ
     n, k = one + other, min(one, other)
@@ -236,8 +236,9 @@ def summary(planner, noise, std, trials):
 
 
 NOTE = """\
-The paper's goals, noise and rule of success differ from ours. Our σ of 0.5 m was chosen so that
-`baseline` takes about the paper's time, so this agreement proves nothing.
+The paper (its times: ± standard deviation) does not tell its σ and noise, and one double step at
+the goal suffices there. Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time:
+this agreement proves nothing.
 """
 HEAD = """
 Goals: {}; noise: {}
@@ -274,8 +275,8 @@ RATIO = (
 
 def table(rows, ratios, flags=""):
     """Tables in Markdown, 100 characters wide: our rows and the paper's, in a block for each kind
-    of goals; the policy's times compared with those of others. flags: those with which the walks
-    differ from the paper's, which is then left out."""
+    of goals and noise; the policy's times compared with those of others. With flags, which change
+    the walks, the paper's rows are left out."""
     text = f"With {flags}\n" if flags else NOTE
     for (goals, noise), block in itertools.groupby(rows, block_of):
         text += HEAD.format(goals, noise)
@@ -370,10 +371,10 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     #    its share, outward; the other foot follows with the rest, inward
     # yaw: the turn ω·period is shared in the same way
     forward = velocity[:, 0] * period / 2  # [n] [m]
-    both = velocity[:, 1:] * period  # [n, 2] of both feet together, to the left [m, rad]
-    leading = np.multiply(lead, both)  # of the leading foot
-    left = np.where(both > 0, leading, both - leading)
-    right = np.where(both > 0, both - leading, leading)
+    way = velocity[:, 1:] * period  # [n, 2] of both feet together, to the left [m, rad]
+    leading = np.multiply(lead, way)  # of the leading foot
+    left = np.where(way > 0, leading, way - leading)
+    right = np.where(way > 0, way - leading, leading)
     mirrored = -right
     return np.stack([np.column_stack([forward, side]) for side in (left, mirrored)], 1)
 
@@ -442,7 +443,7 @@ def walk_row(args, planner, trials, noise):
 def evaluate_all(args, blocks, planners):
     """Evaluates every planner in every block of Trials; with --noise a second time with noise.
     Returns what `evaluate` does, by row: (planner's name, noise, σ). blocks: Trials by the σ of
-    their goals [m]. With --jobs other processes walk rows, but not those of a user's planner."""
+    their goals [m]. With several jobs other processes walk, but not for a user's planner."""
     jobs = {  # by row in the order of the table
         (name, noise, std): (args, planner, trials, noise)
         for std, trials in blocks.items()
@@ -463,9 +464,9 @@ def evaluate_all(args, blocks, planners):
                 row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
             }
     finally:
-        # None of the helpers has work left, or all must stop.
-        for process in futures and multiprocessing.active_children():
-            process.kill()
+        if futures:  # all is done, or must stop
+            for process in multiprocessing.active_children():
+                process.kill()
 
 
 # ------------------------------------------------------------------------ files

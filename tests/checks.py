@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 BOTH = pytest.mark.parametrize("sim", ["pymunk", "mujoco"])
+IN_3D_SLOW = pytest.mark.parametrize(
+    "sim", ["pymunk", pytest.param("mujoco", marks=pytest.mark.slow)]
+)
 equal = np.testing.assert_array_equal
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from checks import BOTH, close, equal, frozen
+from checks import BOTH, IN_3D_SLOW, close, equal, frozen
 from numpy.polynomial.polynomial import polyfit
 from numpy.random import default_rng
 
@@ -407,7 +407,7 @@ def test_a_walk_is_that_of_the_body_and_of_the_robot_that_are_given(sim):
     equal(walk(robot=replace(ROBOT, friction=0.1))[0], slips, "`robot` is another one than ours")
 
 
-@BOTH
+@IN_3D_SLOW
 def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
     walk = replace(walk_engine.TUNED[sim], capture=0.0, wait=0.0)
     speed, count = 1.0 if sim == "pymunk" else 0.7, 6

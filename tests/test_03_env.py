@@ -10,7 +10,7 @@ from unittest import mock
 import gymnasium as gym
 import numpy as np
 import pytest
-from checks import BOTH, close, equal, frozen
+from checks import BOTH, IN_3D_SLOW, close, equal, frozen
 from gymnasium.utils.env_checker import check_env
 from numpy.random import default_rng
 
@@ -91,7 +91,7 @@ def test_a_vector_keeps_the_conventions_of_gymnasium():
 
 @pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("sim, law", [
-    ("pymunk", {}), ("pymunk", STEPS), ("mujoco", STEPS)
+    pytest.param("pymunk", {}, marks=pytest.mark.slow), ("pymunk", STEPS), ("mujoco", STEPS)
 ], ids=["pymunk", "pymunk that steps", "mujoco"])  # fmt: skip
 def test_robots_together_equal_robots_alone(sim, n, law):
     rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
@@ -256,7 +256,7 @@ def test_reward_formulas_of_every_robot_are_those_by_hand(task):
         )
 
 
-@BOTH
+@IN_3D_SLOW
 def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(sim):
     goals = default_rng(4).normal(0, [0.5, 0.5, 2], (4, 3))
     world, robots = FootstepWorld(4, sim, noise=True), np.arange(4)

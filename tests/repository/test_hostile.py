@@ -14,7 +14,7 @@ from unittest import mock
 import matplotlib
 import numpy as np
 import pytest
-from checks import BOTH
+from checks import BOTH, IN_3D_SLOW
 from sheet import ROOT
 from test_scripts import python
 from tqdm import tqdm
@@ -71,7 +71,7 @@ print("alive")
 """
 
 
-@BOTH
+@IN_3D_SLOW
 def test_an_impossible_body_ends_no_python(sim):
     """A failed assertion in C would take a notebook's memory with it."""
     done = python("-c", IMPOSSIBLE, sim)
