@@ -12,12 +12,12 @@ stands, slips and falls as the physics says. Sideways it moves as commanded, and
 commanded. In 3-D the robot has twelve joints, and all of its motion is simulated.
 
 101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
-own, between 0.25 and 0.35 rad, within eight simulated seconds. Then it waits for three seconds.
-`runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. This takes 4 seconds, and
-nothing is random. Predict this lean: `tests/exercises/predict.md`, *lean*, also has the answer.
+own, between 0.25 and 0.35 rad, within eight simulated seconds, and waits for three seconds.
+`runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. Predict this lean, as
+`tests/exercises/predict.md`, *lean*, shows. The stage takes 4 seconds (in 3-D 8).
 
-Read down to the line of equals signs, "the end of a first reading". Below it are the control loop,
-two kinds of physics, the drawing, and the command line and files.
+Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
+(from joints to places, and back), the control loop, two kinds of physics, the drawing, and files.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -80,7 +80,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 LEFT, RIGHT = 0, 1
-COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot in every figure
+COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")  # of a leg
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
 # Columns of a robot's state, see `Simulator`. The first three also name columns of a torso's pose.
@@ -139,7 +139,7 @@ class RobotModel:
     stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
     # pymunk only.
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of the solver: joints open by less than 2 mm; our choice
+    planar_iterations: int = 20  # [-] of the solver: until a fall joints open by < 2 mm; ours
 
     @property
     def hips(self):
@@ -165,7 +165,7 @@ class Trajectory:
         passed; imu [k, 4] is what `Simulator.imu` measures now.
 
         Returns where the joints should be at the end of the tick, [k, 12] [rad], and how the trunk
-        should move on the floor in it, [k, 3]: x, y [m], yaw [rad] as seen from where it was."""
+        should move on the floor meanwhile, [k, 3]: x, y [m], yaw [rad] seen from where it was."""
         self.progress[rows] += 1
         return self.joints[rows, tick + 1], np.zeros((len(rows), 3))
 
@@ -177,7 +177,7 @@ class Motion:
 
     torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [n, T, 12] true angles [rad]; 0 for those that the planar robot lacks
-    fell: np.ndarray  # [n] bool: fell at any control tick
+    fell: np.ndarray  # [n] bool: fell at any control tick, or its simulation diverged
     ticks: np.ndarray  # [n] control ticks that it needed
 
 
@@ -208,6 +208,72 @@ def relative(base, pose):
     return np.concatenate([position, away[..., 2:]], -1)
 
 
+# ------------------------------------------------------------------------ to stand and to fall
+def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
+    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
+    The trunk is `x_offset` [m] ahead of the feet. (Stage 2 passes values of its own.)"""
+    trunk = np.array([0, 0, height, 0, pitch, 0])
+    feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
+    return trunk, body_inverse(robot, trunk, feet, planar)
+
+
+def fallen(torso, standing_height):
+    """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
+    standing height, or tilted beyond 45°."""
+    cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
+    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
+
+
+def centre_of_mass(robot, torso, joints):
+    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
+    points, turns = body_frames(robot, torso, joints)
+    links = robot.torso, *(robot.hip, robot.thigh, robot.shin, robot.foot) * 2
+    coms = np.array([link.com for link in links])
+    coms[5:, 1] *= -1  # outward: on the right side to the right
+    centres = points + apply(turns, coms)  # [K, 9, 3]
+    return np.average(centres, 1, [link.mass for link in links])
+
+
+# ------------------------------------------------------------------------ demonstration
+def main():
+    args = stage_parser(__doc__).parse_args()
+    out = output_folder(args)
+    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
+    leans = np.linspace(0.25, 0.35, 101)  # [rad]
+    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
+    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
+    # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
+    time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
+    share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
+    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
+    robots = np.arange(len(leans))
+    sim.reset(robots)
+    motion = sim.run(robots, Trajectory(joints))
+    if motion.fell[0] or not motion.fell.any():
+        raise InputError("the first robot falls, or none does: change the range of `leans`")
+    i = motion.fell.argmax()  # the first one
+    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
+    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
+    moments = slice(down - 60, down + 1, 10)  # seven
+    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
+
+    axes = Figure().subplots()
+    camera = camera_at(-90, 10)  # [3, 3] its rows: towards the camera, right, up
+    draw_ground(axes, camera, 0.5)
+    draw_robots(axes, ROBOT, torso, joints, camera)
+    _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
+    axes.plot(right, up, "k.-")
+    axes.axvline(ROBOT.foot_front, color="black", ls=":")
+    axes.set_title(
+        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
+        "blue, orange: left, right leg; dots: centre of mass; dotted: the toes before the fall"
+    )
+    save_figure(axes.figure, out / "01_robot.png")
+    print("Look at", out / "01_robot.png")
+
+
+# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ kinematics
 def rotation(roll, pitch, yaw):
     """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays of one shape [...] in, [..., 3, 3] out."""
@@ -229,7 +295,6 @@ def apply(matrix, vector):
 
 def body_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
-
     torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns the origins [..., 9, 3] of
     their frames (the torso's; else the joint above the link: hip, hip pitch, knee, ankle) and their
     rotations [..., 9, 3, 3]. For a foot seen from the torso this is
@@ -259,9 +324,10 @@ def body_frames(robot, torso, joints):
 def leg_inverse(robot, position, foot_turn):
     r"""Joint angles [..., 6] [rad] of one leg, analytically.
 
-    position [..., 3]: ankle in the hip's frame [m]; foot_turn [..., 3, 3]: rotation of the foot. An
-    ankle out of reach is moved along r, see below, only as far as needed. The angles are clipped to
-    the joint limits. A foot should be below its hip, and tilt by less than about a radian.
+    position [..., 3]: the ankle seen from the hip [m]; foot_turn [..., 3, 3]: the foot's rotation;
+    both along the torso's axes. An ankle out of reach is moved along r, see below, only as far as
+    needed. The angles are clipped to the joint limits. A foot should be below its hip, and tilt by
+    less than about a radian.
 
     hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
            :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
@@ -305,7 +371,7 @@ def leg_inverse(robot, position, foot_turn):
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
-    # Seen from the foot, after the roll: r = (rx, 0, √(ry² + rz²))
+    # Seen from the foot, with its roll undone: r = (rx, 0, √(ry² + rz²))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
     pitch = pitches - knee - ankle_pitch
@@ -314,7 +380,8 @@ def leg_inverse(robot, position, foot_turn):
 
 
 def body_inverse(robot, trunk, feet, planar=False):
-    """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips.
+    """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips,
+    feet along the trunk.
 
     trunk [..., 6]: x, y, z, roll, pitch, yaw (or [..., 2, 6]: another one for each leg); feet
     [..., 2, 4]: x, y, z of the point of the sole below the ankle, yaw."""
@@ -333,72 +400,6 @@ def body_inverse(robot, trunk, feet, planar=False):
     return joints.reshape(*joints.shape[:-2], 12)
 
 
-def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
-    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
-    The trunk is `x_offset` [m] ahead of the feet. (Stage 2 passes values of its own.)"""
-    trunk = np.array([0, 0, height, 0, pitch, 0])
-    feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
-    return trunk, body_inverse(robot, trunk, feet, planar)
-
-
-def fallen(torso, standing_height):
-    """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
-    standing height, or tilted beyond 45°."""
-    cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
-    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
-
-
-def centre_of_mass(robot, torso, joints):
-    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, turns = body_frames(robot, torso, joints)
-    links = robot.torso, *(robot.hip, robot.thigh, robot.shin, robot.foot) * 2
-    coms = np.array([link.com for link in links])
-    coms[5:, 1] *= -1  # outward: on the right side to the right
-    centres = points + apply(turns, coms)  # [K, 9, 3]
-    return np.average(centres, 1, [link.mass for link in links])
-
-
-# ------------------------------------------------------------------------ demonstration
-def main():
-    args = stage_parser(__doc__).parse_args()
-    out = output_folder(args)
-    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
-    leans = np.linspace(0.25, 0.35, 101)  # [rad]
-    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
-    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
-    # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
-    time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
-    share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
-    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    # (Names that are defined below this function are looked up when it runs.)
-    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
-    robots = np.arange(len(leans))
-    sim.reset(robots)
-    motion = sim.run(robots, Trajectory(joints))
-    if motion.fell[0] or not motion.fell.any():
-        raise InputError("a robot falls at the first lean, or none: change the range of `leans`")
-    i = motion.fell.argmax()  # the first one
-    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
-    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
-    moments = slice(down - 60, down + 1, 10)  # seven
-    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
-
-    axes = Figure().subplots()
-    camera = camera_at(-90, 10)  # [3, 3] its rows: towards the camera, right, up
-    draw_ground(axes, camera, 0.5)
-    draw_robots(axes, ROBOT, torso, joints, camera)
-    _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
-    axes.plot(right, up, "k.-")
-    axes.axvline(ROBOT.foot_front, color="black", ls=":")
-    axes.set_title(
-        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
-        "blue, orange: left, right leg; dots: centre of mass; dotted line: toes, at first"
-    )
-    save_figure(axes.figure, out / "01_robot.png")
-    print("Look at", out / "01_robot.png")
-
-
-# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the control loop
 @dataclass
 class Body:
@@ -434,7 +435,7 @@ class Disturbance:
     """Pushes, and errors of the IMU, that n robots meet in T control ticks. No plan knows them."""
 
     push: np.ndarray  # [n, T, 2] [N] on the torso: x, y of the world; planar: x ahead of the torso
-    imu: np.ndarray  # [n, T, 4] measured − true roll, pitch [rad], and their rates [rad/s]
+    imu: np.ndarray  # [n, T, 4] added to `Simulator.imu`: roll, pitch [rad], their rates [rad/s]
 
     @classmethod
     def none(cls, plan):
@@ -466,7 +467,9 @@ class Simulator:
         self.standing = standing  # torso [6], joints [12], see `stance`
         self.body = Body.as_model(robot, num_robots)
         self.state = np.zeros((num_robots, 21))
-        self.chosen, self.sent = np.zeros((2, num_robots, 12))  # targets of the last tick [rad]
+        self.chosen, self.sent = np.zeros(
+            (2, num_robots, 12)
+        )  # last tick's target; what was sent [rad]
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin, with this Body; None: that of the model."""
@@ -487,8 +490,8 @@ class Simulator:
         return imu
 
     def run(self, robots, plan, disturbance=None):
-        """Lets these robots [n] follow their plan, a Trajectory, in one control tick after the
-        other; returns their Motion. A robot whose plan is done keeps its state.
+        """Lets these robots [n] follow their plan, a Trajectory, tick by tick. Returns a Motion. A
+        robot whose plan is done keeps its state.
 
         What is sent to the motors may be late: target + delay·(target of the tick before − target).
         With a delay of 1 the whole target is a tick late. One between 0 and 1 is a mixture, and no
@@ -568,7 +571,8 @@ def mujoco_xml(robot):
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
-    warmstart, island: speed-ups of the solver that do not pay here.
+    warmstart: would save a tenth of the time; without it a step depends on its state alone.
+    island: a speed-up of the solver that saves nothing here.
     autoreset: would hide from us that a simulation diverged.
     torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll.
         Each moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll
@@ -633,7 +637,7 @@ class MujocoSim(Simulator):
 
     # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
-    JOINTS = np.array([0, 1, 2, 5, 4, 3, *range(6, 18)])  # MuJoCo's, in the order of our state
+    ORDER = np.array([0, 1, 2, 5, 4, 3, *range(6, 18)])  # MuJoCo's joints, as in our state
 
     def __init__(self, num_robots, standing, robot):
         mujoco.set_mju_user_warning(lambda text: None)  # else a diverging robot fills a log file
@@ -650,7 +654,7 @@ class MujocoSim(Simulator):
 
     def place(self, robots):
         """See `Simulator`."""
-        position = np.concatenate(self.standing)[self.JOINTS]  # (a swap of two undoes itself)
+        position = np.concatenate(self.standing)[self.ORDER]  # (a swap of two undoes itself)
         self.physics[robots] = np.concatenate([[0], position, np.zeros(18)])
         body = self.body
         for i in robots:
@@ -683,7 +687,7 @@ class MujocoSim(Simulator):
         )
         self.physics[robots] = states[:, -1]
         _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
-        return np.hstack([position[:, self.JOINTS], velocity[:, [5, 4, 3]]])
+        return np.hstack([position[:, self.ORDER], velocity[:, [5, 4, 3]]])
 
 
 # ------------------------------------------------------------------------ pymunk, planar
@@ -701,9 +705,9 @@ def planar_links(robot):
     return merged, *(robot.thigh, robot.shin, robot.foot) * 2
 
 
-def sound(number, least=0):
+def sound(number):
     """The number, if pymunk can use it. (Else an assertion in C would end Python.)"""
-    if not least <= number < math.inf:
+    if not 0 <= number < math.inf:
         raise InputError(f"pymunk cannot use a mass, inertia, friction or iterations of {number}")
     return number
 
@@ -714,7 +718,7 @@ class Part(pymunk.Body):
 
     def __setstate__(self, state):
         super().__setstate__(state)
-        self.position = self.position  # it was set before the centre of mass, which it moves
+        self.position = self.position  # pymunk sets the centre of mass later, which moves it
 
 
 class PymunkSim(Simulator):
@@ -729,7 +733,7 @@ class PymunkSim(Simulator):
     Simplified: a motor has its full torque, less dry friction, up to its speed limit. (In MuJoCo
     the torque falls linearly, nearly to zero there.) A rotor adds to the inertia of the link below
     its joint, as if it turned with that link. (In MuJoCo it adds only to the inertia about the
-    joint.) Joints have no limits. (The targets keep them.)"""
+    joint.) Joints have no limits. (Only the targets keep them.)"""
 
     planar = True
     PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
@@ -750,7 +754,7 @@ class PymunkSim(Simulator):
         robot, (torso, joints) = self.robot, self.standing
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
-        space.iterations = sound(robot.planar_iterations, 1)
+        space.iterations = sound(robot.planar_iterations) or 1
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)

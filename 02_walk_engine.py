@@ -4,9 +4,8 @@ The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5,
 for the swing foot and the trunk, inverse kinematics by formulas (from the poses of feet and trunk
 to joint angles), and parameters found by optimisation. We add three answers to what the IMU
 measures; in the paper they are future work (see `WalkPlan`). A reflex moves the ankles. A capture
-step moves the landing of a foot to the side to which the robot leans. Waiting lets a step take
-longer. In 3-D all three are on. In 2-D the last two gain nothing in walks to a goal, so they are
-off.
+step moves the landing of a foot to where the robot leans. Waiting lets a step take longer. In 3-D
+all three are on. In 2-D the last two gain nothing in walks to a goal, so they are off.
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
@@ -21,11 +20,11 @@ left and zeros for the right foot it moves 0.06 m to the left.
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
 where it ended. It draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot
-ends within 1.3 cm of the command. The robot in 3-D misses it by up to 0.08 m and 0.14 rad, and a
-planner has to correct this. Its motors are springs, which give way under the load: in 02_plan.png
-the swing foot rises less than planned. (A symmetric robot can drift to a side, because its left
-foot always swings first.) Predict: how far does its centre of mass sway from side to side in a
-straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and the answer.
+ends within 1.4 cm of the command. The robot in 3-D misses it by up to 0.08 m and 0.14 rad, and a
+planner has to correct this. Dry friction holds the springs that are its motors back: in 02_plan.png
+the swing foot rises less than planned. Predict: how far does the centre of mass sway from side to
+side in a straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and
+the answer.
 
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. In a
 first run they walk without any answer (in open loop), in a second one with the reflex, in a third
@@ -34,9 +33,10 @@ one with all three answers, also in 2-D. Guess first: how many fall each time, i
 lasts for 50 ms. It would give the torso alone 0.8 m/s. It gives the whole robot 0.3 m/s in 2-D and
 0.4 m/s in 3-D, as the floor takes a part.
 
-Read down to the line of equals signs. Up to there a walk is planned. Below it stand the three
-answers to a push, and the code that walks, prints and draws. `python tests/studies/walk.py`
-measures the walk on other floors and with other bodies, and tunes it. Nothing is random here.
+Read down to the line of equals signs. Up to there a walk is planned. Below it stand the quintics,
+the three answers to a push, and the code that walks, prints and draws. `python
+tests/studies/walk.py` measures the walk on other floors and with other bodies, and tunes it.
+Nothing is random here.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -62,26 +62,25 @@ class WalkParameters:
     foot_distance: float  # [m] between the ankles when standing
     foot_rise: float  # [m] apex of the swing foot
     trunk_height: float  # [m] torso frame above the soles
-    trunk_phase: float  # [single steps] by which the trunk is late (< 0: early); −0.5 to 0.5
+    trunk_phase: float  # [single steps] by which the trunk is late (< 0: early); within ±0.5
     trunk_pitch: float  # [rad] forward lean
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     trunk_swing: float = 0.0  # [-] sideways: share of the distance from middle to support foot
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`; ours, not tuned
     # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
-    # reflex is left. In 3-D the values 1.0 and 10.0 were measured (results/STUDIES.md, kicks).
+    # reflex is left. For 3-D 1.0 and 10.0 were chosen by measurements (results/STUDIES.md, kicks).
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
-    usual_lean: float = 0.04  # [rad] most lean that comes from walking alone: not answered
-    follow: float = 0.3  # [-] share of what is missing that a swing foot's answer gains in a tick
-    fade: float = 0.015  # [-] share of a standing foot's answer lost in a tick
+    usual_lean: float = 0.04  # [rad] 95 % of the leans in a calm walk are smaller: not answered
+    follow: float = 0.3  # [-] in a tick a swing foot goes this share of the way to its answer
+    fade: float = 0.015  # [-] in a tick a standing foot's answer shrinks by this share
     wait: float = 0.0  # [1/rad] how much the plan slows down per lean, see `waiting_pace`
     late_lean: float = 0.06  # [rad] lean over the support foot from which on it slows down
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
 # Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found 34 half_ticks; 31 is as
-# in 3-D. In 3-D it was on 2026-11-23, for a robot without dry friction. A newer search in 3-D
-# found a walk with which every planner of stage 5 takes longer.
+# in 3-D. The search in 3-D was on 2026-11-23, for a robot without dry friction.
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
@@ -112,34 +111,6 @@ TUNED = {
 REFLEX_LIMIT = 0.25  # [rad] of what the reflex adds to a joint target; our choice
 PUSH_TICKS = 5  # [control ticks] that a push lasts; our choice
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
-
-
-# ------------------------------------------------------------------------ quintic splines
-def quintic(start, end, duration):
-    """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
-    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]."""
-    p0, v0, a0 = np.moveaxis(start, -1, 0)
-    p1, v1, a1 = np.moveaxis(end, -1, 0)
-    D = duration
-    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. At t = D the others must supply what is missing:
-    p = p1 - p0 - v0 * D - a0 * D**2 / 2
-    v = v1 - v0 - a0 * D
-    a = a1 - a0
-    # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
-    # To check this put D = 1. The rows below, halved, are the inverse of (1, 1, 1), (3, 4, 5),
-    # (6, 12, 20).
-    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
-    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
-    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
-    return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
-
-
-def polynomial(c, t, order=0):
-    """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]; or one
-    t -> [...]."""
-    # numpy wants the coefficients first: [6, ...]
-    derived = np.polynomial.polynomial.polyder(np.moveaxis(c, -1, 0), order)
-    return np.polynomial.polynomial.polyval(t, derived)
 
 
 # ------------------------------------------------------------------------ the engine
@@ -217,19 +188,18 @@ class WalkEngine:
             self._knot(new_right, new_left, next_left),
         ]
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
-        middle = self.parameters.half_ticks  # the tick when the support foot changes
+        change = self.parameters.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), self.period_ticks + 1, 2, 4))
         ground = [0, 1, 3]  # x, y, yaw; z stays 0 where a foot stands
-        feet[:, : middle + 1, LEFT] = self._swing(left, new_left)
-        feet[:, middle:, LEFT, ground] = new_left[:, None]
-        feet[:, :middle, RIGHT, ground] = right[:, None]
-        feet[:, middle:, RIGHT] = self._swing(right, new_right)
+        feet[:, : change + 1, LEFT] = self._swing(left, new_left)
+        feet[:, change:, LEFT, ground] = new_left[:, None]
+        feet[:, :change, RIGHT, ground] = right[:, None]
+        feet[:, change:, RIGHT] = self._swing(right, new_right)
         self.foot_poses[robots] = np.stack([new_left, new_right], 1)
         return WalkPlan(self, np.asarray(robots), trunk, feet)
 
     def _knot(self, support, start, landing):
         """State of the trunk (as self.trunk_state) in the middle of a single step, [n, 6, 3].
-
         The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
         it lands. The trunk is half way between the middles of the feet before and after the step.
         It moves with the mean velocity, and is shifted and rolled towards the support foot."""
@@ -284,10 +254,38 @@ class WalkEngine:
 
 
 # ==================================================================== the end of a first reading
+# ------------------------------------------------------------------------ quintic splines
+def quintic(start, end, duration):
+    """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
+    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]."""
+    p0, v0, a0 = np.moveaxis(start, -1, 0)
+    p1, v1, a1 = np.moveaxis(end, -1, 0)
+    D = duration
+    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. At t = D the others must supply what is missing:
+    p = p1 - p0 - v0 * D - a0 * D**2 / 2
+    v = v1 - v0 - a0 * D
+    a = a1 - a0
+    # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
+    # To check this put D = 1. The rows below, halved, are the inverse of (1, 1, 1), (3, 4, 5),
+    # (6, 12, 20).
+    c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
+    c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
+    c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)
+    return np.stack([p0, v0, a0 / 2, c3, c4, c5], -1)
+
+
+def polynomial(c, t, order=0):
+    """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]; or one
+    t -> [...]."""
+    # numpy wants the coefficients first: [6, ...]
+    derived = np.polynomial.polynomial.polyder(np.moveaxis(c, -1, 0), order)
+    return np.polynomial.polynomial.polyval(t, derived)
+
+
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(error, lean_over_support, swings, old, p):
-    """Returns each foot's answer to a lean, [n, 2, 3]: how far its landing moves to the left [m],
-    and the roll and pitch [rad] that its leg adds to those of the planned trunk.
+    """Returns each foot's answer to a lean, [n, 2, 3]: a shift of its landing to the left [m], and
+    the roll and pitch [rad] that its leg adds to those of the planned trunk. (These move it, too.)
 
     error [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: its roll, positive
     towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double
@@ -295,7 +293,7 @@ def capture_step(error, lean_over_support, swings, old, p):
 
     A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
     times `capture`. Then the trunk, at the height h, is h·e from its plan, and the swing foot
-    should land h·e farther on that side. Seen from behind, with the trunk T and the feet L and R:
+    should land h·e farther, where it leans. Seen from behind, with the trunk T, the feet L and R:
 
         as planned                          L · · · T · · · R
         the robot leans to the left         L · T · · · · · R      T is h·e left of its plan
@@ -334,7 +332,7 @@ class WalkPlan:
 
     def __init__(self, engine, robots, trunk, feet):
         p = engine.parameters
-        self.engine = engine  # it keeps the answers: a foot that stands takes its own along
+        self.engine = engine  # it stores the answers from plan to plan
         self.robots = robots  # [n] that follow it
         self.trunk = trunk  # [n, T + 1, 6] x, y, z [m], roll, pitch, yaw [rad]
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
@@ -346,7 +344,7 @@ class WalkPlan:
     def go_on(self, rows, tick, imu):
         """See `Trajectory`."""
         engine, p = self.engine, self.engine.parameters
-        now = rows, self.progress[rows].astype(int)  # samples of the plan  [k] each
+        now = rows, self.progress[rows].astype(int)  # an index pair: robots, samples  [k] each
         error = imu[:, :2] - self.trunk[now][:, 3:5]  # [k, 2] roll, pitch [rad]
         swings = engine.swinging(now[1])  # [k, 2]
         # A positive roll leans to the right: outward, while the left foot swings
@@ -368,14 +366,13 @@ class WalkPlan:
         feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], trunks[..., 5])  # sideways
         joints = robot_model.body_inverse(engine.robot, trunks, feet, engine.planar)
         # The planned change of the trunk in this tick: of roll and pitch, and on the floor
-        rates = (self.trunk[then] - self.trunk[now])[:, 3:5] / engine.robot.control_dt  # [k, 2]
+        planned = (self.trunk[then] - self.trunk[now])[:, 3:5] / engine.robot.control_dt  # [k, 2]
         move = robot_model.relative(self.trunk[now][:, GROUND], self.trunk[then][:, GROUND])
-        return joints + reflex(imu[:, 2:] - rates, swings, p), move
+        return joints + reflex(imu[:, 2:] - planned, swings, p), move
 
 
 def reflex(error, swings, p):
     """Returns what is added to the joint targets, [n, 12] [rad].
-
     error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which foot
     swings. If the torso turns forward faster than planned, the toes of the support foot are turned
     down. They press on the floor, which brakes the turn."""
@@ -407,7 +404,6 @@ def walk_plans(
     sim, parameters, footsteps, body=None, disturb=None, watch=None, robot=robot_model.ROBOT
 ):
     """Lets N robots, which differ from the model by `body`, walk K double steps [N, K, 2, 3].
-
     Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
     the origin), and in which double step each robot fell [N] (K: it did not fall). Where it fell a
     robot stays. Before double step k disturb(k, disturbance, robots) may change the Disturbance of
@@ -449,11 +445,10 @@ WALKS = {  # eight double steps each
 
 def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
-
-    The push, see `push_force`, is forward, at this speed [m/s], and comes in the second double step
+    The push, see `push_force`, is forward, by this speed [m/s], and comes in the second double step
     at a moment of the robot's own. Returns the tilts of every torso to the end of the walk, or of
     the double step in which it fell, `count` lists of T numbers [rad], and which robots fell
-    [count]. T differs, if a robot waits."""
+    [count]. T differs from robot to robot."""
     tilts = [[] for _ in range(count)]
     force = push_force(robot, speed)
     moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
@@ -498,7 +493,7 @@ def plot_plan(engine, plan, motion, path):
     # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
     walked = np.concatenate([soles, torso[:, None, :3]], 1)
-    # The simulators' origin is where the torso was after the reset, ahead of the plan's.
+    # The simulators' origin is where the torso was after the reset. The plan's is between the feet.
     walked[..., 0] += engine.parameters.trunk_x_offset
     figure = Figure(figsize=(12, 3.8))
     axes = figure.subplots(1, 3)

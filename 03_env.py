@@ -1,8 +1,7 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
-fall, or when its time is up. The goal is reached if two double steps in a row end there. (In the
-paper one double step suffices.)
+fall, or when its time is up. The goal is reached if two double steps (in the paper: one) end there.
 
     python 03_env.py      a random planner, then a hand-written one; 20 seconds
 
@@ -40,8 +39,8 @@ same way for every planner (`predict`, `correct`). Who knows what:
     reward              the true pose, the goal, a fall, the time, actions, where the feet should be
     nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
 
-Read down to the line of equals signs. Below it are the world that brings everything together, the
-pictures, the interfaces of Gymnasium, and the demonstration.
+Read down to the line of equals signs. Below it are the estimate of the goal, the world that brings
+everything together, the pictures, the interfaces of Gymnasium, and the demonstration.
 """
 
 from dataclasses import dataclass
@@ -285,6 +284,7 @@ def reward_terms(
     }
 
 
+# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the estimate
 # A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. For a double step the filter
 # expects DRIFT: 1 to 2 cm, in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
@@ -293,7 +293,6 @@ def reward_terms(
 # y and yaw. Its diagonal holds their variances.
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
-
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
     [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad."""
     goal = robot_model.relative(motion, goal)
@@ -326,7 +325,6 @@ def correct(goal, covariance, measured, noise):
     return goal, K @ R  # P ← K·R
 
 
-# ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the world
 # Random numbers: every robot has a generator. It makes others in each episode, one for each
 # purpose, so one more measurement does not change the pushes:

@@ -26,8 +26,8 @@ learning_curve.png there. (`plot_learning_curve` says what is normal in this pic
 measured with noise (in the paper: in some evaluations). `train` takes other tasks of Gymnasium,
 too, with vectors to observe and actions in [0, 1].
 
-Read down to the line of equals signs. Below it are `train`, which keeps the files of a training,
-the picture, and the command line.
+Read down to the line of equals signs. Below it are the policy gradient, `train`, which keeps the
+files of a training, the picture, and the command line.
 
 Leaves out: recurrent policies, normalisation of observations and rewards, GPUs; and what [8] can do
 but does not do by default: an entropy bonus, value clipping, a stop at a large KL.
@@ -77,30 +77,6 @@ class PPOConfig:
 
 
 # ------------------------------------------------------------------------ the networks
-def mlp(sizes, last_gain):
-    """Linear layers with tanh between them. The first weights are random, orthogonal, as in [8]."""
-    layers = []
-    for inputs, outputs in zip(sizes[:-1], sizes[1:]):
-        linear = nn.Linear(inputs, outputs, dtype=torch.float32)
-        nn.init.orthogonal_(linear.weight, 2**0.5)
-        nn.init.zeros_(linear.bias)
-        layers += [linear, nn.Tanh()]
-    layers.pop()  # no tanh behind the last layer
-    nn.init.orthogonal_(layers[-1].weight, last_gain)
-    return nn.Sequential(*layers)
-
-
-@contextmanager
-def one_thread():
-    """PyTorch computes with one thread: quicker here, and core counts change no rounding."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)
-
-
 class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
@@ -153,7 +129,6 @@ class ActorCritic(nn.Module):
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):
     """(1) Lets N robots take T steps each, from the observations obs [N, …] on.
-
     Returns tensors [T, N, …] by name (the rollout buffer), the observations to go on from, and the
     infos of every step."""
     buffer, infos = [], []
@@ -187,17 +162,8 @@ def collect(model, envs, obs, steps):
 # and the discount γ, a little below 1. PPO makes its average large.
 #   value      V(s) = E[G_t | s]: the average return from s on; learned by the critic
 #   advantage  A_t: how much better the action was than the average one, about G_t − V(s_t)
-# The policy gradient says how the average changes with the policy's parameters; ∇ is the gradient
-# with respect to these. First for one decision (for continuous actions Σ is an integral):
-#   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
-#   A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
-#   So we may subtract b = V(s), usually with less noise: E[A·∇ln π].
-# An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t,
-# a_t), where p is what the world does. So the logarithm is a sum, and the terms of the world, ln
-# p, do not depend on our parameters. The rewards before a decision do not depend on its action,
-# so they drop out like b. The gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)].
-# (We leave out a factor γᵗ, as nearly everybody does: with it late decisions would hardly be
-# learned.) A step along this gradient makes good actions more likely and bad ones less.
+# A step along the gradient of A_t·ln π(a_t|s_t) makes good actions more likely, and bad ones less.
+# (Why this one? See "the policy gradient", below the line.)
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     """(2) Advantages A_t by generalised advantage estimation [GAE]; everything [T, N].
 
@@ -232,7 +198,6 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 
 def clipped_objective(ratio, advantage, clip):
     """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s).
-
     PPO uses a sample several times while the policy moves on, so it weights the sample by ρ. (At
     ρ = 1 the gradient of ρ·A is A·∇ln π.) For a good action (A > 0) the objective is constant where
     ρ > 1 + ε, for a bad one (A < 0) where ρ < 1 − ε. There this sample has no gradient. It is no
@@ -336,6 +301,44 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
 
 
 # ==================================================================== the end of a first reading
+# ------------------------------------------------------------------------ the policy gradient
+# It says how the average changes with the policy's parameters; ∇ is the gradient with respect to
+# these. First for one decision (for continuous actions Σ is an integral):
+#   E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
+#   A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
+#   So we may subtract b = V(s), usually with less noise: E[A·∇ln π].
+# An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t,
+# a_t), where p is what the world does. So the logarithm is a sum, and the terms of the world, ln p,
+# do not depend on our parameters. The rewards before a decision do not depend on its action, so
+# they drop out like b. The gradients of the decisions are added: E[Σ_t A_t·∇ln π(a_t|s_t)]. (We
+# leave out a factor γᵗ, as nearly everybody does: with it late decisions would hardly be learned.)
+
+
+# ------------------------------------------------------------------------ a whole training
+def mlp(sizes, last_gain):
+    """Linear layers with tanh between them. The first weights are random, orthogonal, as in [8]."""
+    layers = []
+    for inputs, outputs in zip(sizes[:-1], sizes[1:]):
+        linear = nn.Linear(inputs, outputs, dtype=torch.float32)
+        nn.init.orthogonal_(linear.weight, 2**0.5)
+        nn.init.zeros_(linear.bias)
+        layers += [linear, nn.Tanh()]
+    layers.pop()  # no tanh behind the last layer
+    nn.init.orthogonal_(layers[-1].weight, last_gain)
+    return nn.Sequential(*layers)
+
+
+@contextmanager
+def one_thread():
+    """PyTorch computes with one thread: quicker here, and core counts change no rounding."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
 @one_thread()
 def train(
     cfg,
@@ -349,7 +352,6 @@ def train(
     **about,
 ):
     """Trains for `total_steps` steps of all robots together; returns (model, rows of the log).
-
     make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
     out: an existing folder, a Path; improve: see `learn`; about: is stored with the policy."""
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
@@ -478,8 +480,7 @@ PANELS = {  # title and unit: columns
 
 def plot_learning_curve(rows, path, title):
     """Draws the log: a dot for each update, and a line, the mean over a twentieth of them.
-
-    Normal is (numbers: the first and the last fifth of both `results/<sim>/learning_curve.csv`):
+    What is normal (numbers: first and last fifth of both `results/<sim>/learning_curve.csv`)?
     Successes are near 1, but for update 10 or 11, when the first episodes run out of time together.
     Before it, and just after it, only short walks end: these times are too low. Then times of
     successes fall. Falls rise from less than 0.001 of the walks to 0.002 or 0.003: the first policy
@@ -489,8 +490,7 @@ def plot_learning_curve(rows, path, title):
     The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04 to 0.02
     nats. The explained variance, how much of the differences between the critic's targets V
     predicts, rises from about 0 to 0.2, and is below 0 in a quarter (2-D) or a third (3-D) of the
-    updates: even the true goal tells little of what a walk will return (*A critic that sees the
-    truth*, `tests/exercises/projects.md`)."""
+    updates: even the true goal tells little of what a walk will return (see projects.md)."""
     steps = np.array([row["steps"] for row in rows])  # [U]
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(10, 13))

@@ -39,8 +39,8 @@ trial: falls with `mcnemar`, times with `bootstrap`. A far walk has the floor, t
 noise of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not 1,000
 independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
 
-Read down to the line of equals signs: trials, statistics, tables. Below it are the baseline, the
-rows of the table, files, pictures, and the window to play with.
+Read down to the line of equals signs: trials and statistics. Below it are the baseline, the rows of
+the table, the tables, files, pictures, and the window to play with.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -93,8 +93,7 @@ def evaluate(planner, world, trials, watch=None):
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         mu           of the floor
         outcome      a name in OUTCOMES
-        time         [s] of a success: to the end of the first of the double steps in a row that
-                     ended at the goal; of another walk: all of it
+        time         [s] to the end of the first double step in a row at the goal; else all of it
         steps        double steps, all of them
         still_there  a success, and at the goal also after two more double steps in place"""
     n = len(trials.goals)
@@ -165,7 +164,6 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 def time_ratio(trials, reference):
     """Compares the times of two planners over the goals that both reached; returns a dict:
-
     goals                         how many these are; the dict is empty if there is none
     time_ratio, time_ratio_ci95   mean time / mean time of the reference, its interval (95 %,
                                   of 20 goals 92 %; below 20 goals nan)
@@ -198,103 +196,6 @@ def mcnemar(ours, theirs):
     n, k = one + other, min(one, other)
     p = 2 * sum(math.comb(n, i) for i in range(k + 1)) / 2**n  # 2: either may have fewer
     return {"only_ours": one, "only_theirs": other, "p": min(1.0, p)}
-
-
-# ------------------------------------------------------------------------ tables
-def compare(results):
-    """Compares the policy with every other planner, see `time_ratio`, `mcnemar`; trials by
-    (planner, noise, σ of the goals)."""
-    rows = []
-    for (name, noise, std), trials in results.items():
-        ours = results["policy", noise, std]
-        ratio = time_ratio(ours, trials)
-        if name != "policy" and ratio:
-            row = {"reference": name, "noise": noise, "goal_std_m": std}
-            row |= mcnemar(ours["outcome"] == "fall", trials["outcome"] == "fall")
-            rows.append(row | ratio)
-    return rows
-
-
-def summary(planner, noise, std, trials):
-    """One row of the table; std: σ of the goals' x and y [m]. nan: there was nothing to measure."""
-    outcome = trials["outcome"]
-    row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
-    for name in OUTCOMES:
-        count = int((outcome == name).sum())
-        row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
-    reached = outcome == "success"
-    times, still = trials["time"][reached], trials["still_there"][reached]
-    if not reached.any():
-        times = still = np.array([np.nan])
-    return row | {
-        "still_there": still.mean(),  # of the successes
-        "time_mean": times.mean(),
-        "time_std": times.std(),
-        "time_median": np.median(times),
-        "time_p95": np.quantile(times, 0.95),
-    }
-
-
-NOTE = """\
-The paper (its times: ± standard deviation) does not tell its σ and noise, and one double step at
-the goal suffices there. Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time:
-this agreement proves nothing.
-"""
-HEAD = """
-Goals: {}; noise: {}
-
-| planner         | success [95 %]       | timeout | fall  | mean, median, 95th [s] | still there |
-| ---             | ---                  | ---     | ---   | ---                    | ---         |
-"""
-ROW = (
-    "| {planner:15} | {success:.3f} [{low:.3f}, {high:.3f}] | {timeout:.3f}   | {fall:.3f} "
-    "| {time_mean:6.2f}, {time_median:6.2f}, {time_p95:6.2f} | {still_there:.3f}       |\n"
-)
-PAPER = {  # Table II, without and with noise; ±: standard deviation of the times
-    "no": """\
-| policy, paper   | 0.980                | 0.000   | 0.020 |   6.07 ± 2.13          |             |
-| baseline, paper | 0.960                | 0.032   | 0.008 |  11.13 ± 4.95          |             |
-""",
-    "yes": """\
-| policy, paper   | 0.978                | 0.000   | 0.022 |   6.35 ± 2.23          |             |
-| baseline, paper | 0.910                | 0.078   | 0.012 |  11.43 ± 5.11          |             |
-""",
-}
-RATIO_HEAD = """
-Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Falls: walks
-in which the robot fell with `policy` alone, with the other planner alone.
-
-| goals   | noise | other          | time [95 %]          | faster, slower | falls    | p     |
-| ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
-"""
-RATIO = (
-    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:5.3f}, {3:5.3f}] "
-    "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
-)
-
-
-def table(rows, ratios, flags=""):
-    """Tables in Markdown, 100 characters wide: our rows and the paper's, in a block for each kind
-    of goals and noise; the policy's times compared with those of others. With flags, which change
-    the walks, the paper's rows are left out."""
-    text = f"With {flags}\n" if flags else NOTE
-    for (goals, noise), block in itertools.groupby(rows, block_of):
-        text += HEAD.format(goals, noise)
-        for row in block:
-            low, high = row["success_ci95"]
-            text += ROW.format(low=low, high=high, **row)
-        if row["goal_std_m"] == env.Task.goal_std_m and not flags:
-            text += PAPER[noise]
-    if ratios:
-        text += RATIO_HEAD
-    for row in ratios:
-        text += RATIO.format(*block_of(row), *row["time_ratio_ci95"], **row)
-    return text
-
-
-def block_of(row):
-    """Two texts: which goals, and whether they are measured with noise."""
-    return f"σ {row['goal_std_m']} m", "yes" if row["noise"] else "no"
 
 
 # ==================================================================== the end of a first reading
@@ -364,7 +265,6 @@ def low_pass(velocity, command, seconds, time_constant):
 
 def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """v_x, v_y [m/s], ω [rad/s] [n, 3] as footsteps [n, 2, 3], each seen from the other foot.
-
     lead: share of a sideways distance and of a turn that the leading foot takes, outward."""
     # x: each foot lands v_x·(period/2) ahead of the other one
     # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
@@ -467,6 +367,102 @@ def evaluate_all(args, blocks, planners):
         if futures:  # all is done, or must stop
             for process in multiprocessing.active_children():
                 process.kill()
+
+
+# ------------------------------------------------------------------------ tables
+def compare(results):
+    """Compares the policy with every other planner, see `time_ratio`, `mcnemar`; trials by
+    (planner, noise, σ of the goals)."""
+    rows = []
+    for (name, noise, std), trials in results.items():
+        ours = results["policy", noise, std]
+        ratio = time_ratio(ours, trials)
+        if name != "policy" and ratio:
+            row = {"reference": name, "noise": noise, "goal_std_m": std}
+            row |= mcnemar(ours["outcome"] == "fall", trials["outcome"] == "fall")
+            rows.append(row | ratio)
+    return rows
+
+
+def summary(planner, noise, std, trials):
+    """One row of the table; std: σ of the goals' x and y [m]. nan: there was nothing to measure."""
+    outcome = trials["outcome"]
+    row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
+    for name in OUTCOMES:
+        count = int((outcome == name).sum())
+        row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
+    reached = outcome == "success"
+    times, still = trials["time"][reached], trials["still_there"][reached]
+    if not reached.any():
+        times = still = np.array([np.nan])
+    return row | {
+        "still_there": still.mean(),  # of the successes
+        "time_mean": times.mean(),
+        "time_std": times.std(),
+        "time_median": np.median(times),
+        "time_p95": np.quantile(times, 0.95),
+    }
+
+
+NOTE = """\
+The paper tells neither its σ nor its noise, and one double step at the goal suffices there. Our σ
+of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves nothing.
+"""
+HEAD = """
+Goals: {}; noise: {}
+
+| planner         | success [95 %]       | timeout | fall  | mean, median, 95th [s] | still there |
+| ---             | ---                  | ---     | ---   | ---                    | ---         |
+"""
+ROW = (
+    "| {planner:15} | {success:.3f} [{low:.3f}, {high:.3f}] | {timeout:.3f}   | {fall:.3f} "
+    "| {time_mean:6.2f}, {time_median:6.2f}, {time_p95:6.2f} | {still_there:.3f}       |\n"
+)
+PAPER = {  # Table II, without and with noise; ±: standard deviation of the times
+    "no": """\
+| policy, paper   | 0.980                | 0.000   | 0.020 |   6.07 ± 2.13          |             |
+| baseline, paper | 0.960                | 0.032   | 0.008 |  11.13 ± 4.95          |             |
+""",
+    "yes": """\
+| policy, paper   | 0.978                | 0.000   | 0.022 |   6.35 ± 2.23          |             |
+| baseline, paper | 0.910                | 0.078   | 0.012 |  11.43 ± 5.11          |             |
+""",
+}
+RATIO_HEAD = """
+Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Falls: walks
+in which the robot fell with `policy` alone, with the other planner alone.
+
+| goals   | noise | other          | time [95 %]          | faster, slower | falls    | p     |
+| ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
+"""
+RATIO = (
+    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:5.3f}, {3:5.3f}] "
+    "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
+)
+
+
+def table(rows, ratios, flags=""):
+    """Tables in Markdown, 100 characters wide: our rows and the paper's, in a block for each kind
+    of goals and noise; the policy's times compared with those of others. With flags, which change
+    the walks, the paper's rows are left out."""
+    text = f"With {flags}\n" if flags else NOTE
+    for (goals, noise), block in itertools.groupby(rows, block_of):
+        text += HEAD.format(goals, noise)
+        for row in block:
+            low, high = row["success_ci95"]
+            text += ROW.format(low=low, high=high, **row)
+        if row["goal_std_m"] == env.Task.goal_std_m and not flags:
+            text += PAPER[noise]
+    if ratios:
+        text += RATIO_HEAD
+    for row in ratios:
+        text += RATIO.format(*block_of(row), *row["time_ratio_ci95"], **row)
+    return text
+
+
+def block_of(row):
+    """Two texts: which goals, and whether they are measured with noise."""
+    return f"σ {row['goal_std_m']} m", "yes" if row["noise"] else "no"
 
 
 # ------------------------------------------------------------------------ files

@@ -119,10 +119,10 @@ def joints(sim):
 
 
 def filter_(sim):
-    """Times and falls of the paper's baseline, σ = 0.5 m, 100 goals, for a filter of τ seconds."""
-    trials = evaluate.draw_trials(0, 100)
+    """Times and falls of the paper's baseline, σ = 0.5 m, 50 goals, for a filter of τ seconds."""
+    trials = evaluate.draw_trials(0, 50)
     for noise in (False, True):
-        world = common.world(sim, num_robots=100, noise=noise)
+        world = common.world(sim, num_robots=50, noise=noise)
         for tau in (0.0, 1.0, 3.0):
             planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(time_constant=tau))
             ended = evaluate.evaluate(planner, world, trials)
