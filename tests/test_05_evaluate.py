@@ -716,9 +716,10 @@ class Deadly(ppo.ActorCritic):
         return os._exit, (1,)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner, error, place", [
     (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    pytest.param(evaluate.PolicyPlanner(Deadly(20, 6)), BrokenExecutor, "", marks=pytest.mark.slow),
+    (evaluate.PolicyPlanner(Deadly(20, 6)), BrokenExecutor, ""),
 ], ids=["raises", "is killed"])  # fmt: skip
 def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place):
     with pytest.raises(error) as caught:

@@ -119,6 +119,7 @@ def test_the_copy_of_a_read_only_folder_can_be_written(tmp_path, monkeypatch):
     assert len(found) == 4 and all(found), "somebody cannot write what was copied"
 
 
+@pytest.mark.slow
 def test_a_student_s_test_that_never_ends_is_stopped(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("while True:\n    pass\n", "utf-8")
     monkeypatch.setattr(debug, "PATIENCE", 1)
@@ -152,11 +153,12 @@ ASSERTS = "    assert right\n"
 RAISES = "    right or {}['an AssertionError']\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bug, last, code, says", [
     ("tired", "    assert not right\n", 1, "Without a bug your test must pass"),
-    pytest.param("tired", ASSERTS, 1, "With tired it must fail", marks=pytest.mark.slow),
-    pytest.param("stubborn", ASSERTS, 0, "fails with stubborn: well done", marks=pytest.mark.slow),
-    pytest.param("stubborn", RAISES, 1, "by an assertion, and it does not", marks=pytest.mark.slow),
+    ("tired", ASSERTS, 1, "With tired it must fail"),
+    ("stubborn", ASSERTS, 0, "fails with stubborn: well done"),
+    ("stubborn", RAISES, 1, "by an assertion, and it does not"),
 ])  # fmt: skip
 def test_a_student_s_test_is_judged_with_and_without_the_bug(
     with_bugs, tmp_path, bug, last, code, says

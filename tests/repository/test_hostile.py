@@ -14,7 +14,7 @@ from unittest import mock
 import matplotlib
 import numpy as np
 import pytest
-from checks import BOTH, IN_3D_SLOW
+from checks import IN_3D_SLOW
 from sheet import ROOT
 from test_scripts import python
 from tqdm import tqdm
@@ -25,7 +25,7 @@ env = import_module("03_env")
 
 
 @pytest.mark.filterwarnings("error")
-@BOTH
+@IN_3D_SLOW
 @pytest.mark.parametrize("extreme", [{"friction": 0.0}, {"torque_limit": (0.1,) * 6}], ids=str)
 def test_an_extreme_body_may_fall_and_nothing_else_happens(
     sim, extreme, capfd, tmp_path, monkeypatch
@@ -123,6 +123,7 @@ def test_a_stage_leaves_the_settings_of_a_notebook_alone():
         assert seen == [True] and dict(matplotlib.rcParams) == before
 
 
+@pytest.mark.slow
 def test_the_backend_of_a_notebook_may_be_missing():
     """`!.venv/bin/python 01_robot_model.py` in a cell passes on what the notebook draws with."""
     done = python(

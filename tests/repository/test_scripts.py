@@ -128,6 +128,7 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     assert [row["episodes"] for row in evaluation["rows"]] == [1] * 8
 
 
+@pytest.mark.slow
 def test_without_physics_all_arrive():
     """The starter `ideal`: another physics is a class in SIMULATORS."""
     robot_model = import_module("01_robot_model")
