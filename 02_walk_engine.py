@@ -68,8 +68,7 @@ class WalkParameters:
     trunk_swing: float = 0.0  # [-] sideways: share of the distance from middle to support foot
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
     reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`; ours, not tuned
-    # How a double step answers the torso's lean, see below; ours. With capture = wait = 0 only the
-    # reflex is left. For 3-D 1.0 and 10.0 were chosen by measurements (results/STUDIES.md, kicks).
+    # How a double step answers a lean, see below; ours. With capture = wait = 0 the reflex is left.
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
     usual_lean: float = 0.04  # [rad] 95 % of the leans in a calm walk are smaller: not answered
     follow: float = 0.3  # [-] in a tick a swing foot goes this share of the way to its answer
@@ -79,35 +78,6 @@ class WalkParameters:
     longest_wait_ticks: int = 40  # [control ticks] that a double step may take longer
 
 
-# Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found 34 half_ticks; 31 is as
-# in 3-D. The search in 3-D was on 2026-11-23, for a robot without dry friction.
-TUNED = {
-    "pymunk": WalkParameters(
-        half_ticks=31,
-        double_support=0.0498,
-        foot_distance=0.18,  # not tuned: in 2-D it hardly matters
-        foot_rise=0.0313,
-        trunk_height=0.3652,
-        trunk_phase=0.0064,
-        trunk_pitch=0.1098,
-        trunk_x_offset=-0.001,
-        reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
-    ),
-    "mujoco": WalkParameters(
-        half_ticks=31,
-        double_support=0.0777,
-        foot_distance=0.1634,
-        foot_rise=0.0307,
-        trunk_height=0.3767,
-        trunk_phase=-0.0475,
-        trunk_pitch=0.0706,
-        trunk_swing=0.2214,
-        trunk_x_offset=0.0124,
-        trunk_roll=0.0533,
-        capture=1.0,
-        wait=10.0,
-    ),
-}
 REFLEX_LIMIT = 0.25  # [rad] of what the reflex adds to a joint target; our choice
 PUSH_TICKS = 5  # [control ticks] that a push lasts; our choice
 MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the right foot
@@ -254,6 +224,37 @@ class WalkEngine:
 
 
 # ==================================================================== the end of a first reading
+# Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found 34 half_ticks; 31 is as
+# in 3-D. The search in 3-D was on 2026-11-23, for a robot without dry friction.
+TUNED = {
+    "pymunk": WalkParameters(
+        half_ticks=31,
+        double_support=0.0498,
+        foot_distance=0.18,  # not tuned: in 2-D it hardly matters
+        foot_rise=0.0313,
+        trunk_height=0.3652,
+        trunk_phase=0.0064,
+        trunk_pitch=0.1098,
+        trunk_x_offset=-0.001,
+        reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
+    ),
+    "mujoco": WalkParameters(
+        half_ticks=31,
+        double_support=0.0777,
+        foot_distance=0.1634,
+        foot_rise=0.0307,
+        trunk_height=0.3767,
+        trunk_phase=-0.0475,
+        trunk_pitch=0.0706,
+        trunk_swing=0.2214,
+        trunk_x_offset=0.0124,
+        trunk_roll=0.0533,
+        capture=1.0,  # by measurements, as `wait`: results/STUDIES.md, kicks
+        wait=10.0,
+    ),
+}
+
+
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
     """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.

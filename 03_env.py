@@ -1,7 +1,7 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
 Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
-fall, or when its time is up. The goal is reached if two double steps (in the paper: one) end there.
+fall, or when its time is up. The goal: two double steps in a row (in the paper: one) end there.
 
     python 03_env.py      a random planner, then a hand-written one; 20 seconds
 
@@ -27,10 +27,10 @@ other two take them, too: `FootstepWorld(64, walk=…)` has another walk.
 
 The formulas and scalars of the reward, and the encoding of the observation, stand in the paper's
 Table I and Fig. 2. Our copy of its text has lost both, so ours are chosen anew. The paper does not
-say how widely goals and errors vary. Added are four rewards (of a fall, the goal, rest and time),
-and: Floor and body are random in every episode (`Spread`: domain randomization). The robot is
-pushed, if you ask for it. An estimate of the goal combines all noisy measurements so far, in the
-same way for every planner (`predict`, `correct`). Who knows what:
+say how widely goals and errors vary. We add four rewards (of a fall, the goal, rest and time).
+Floor and body are random in every episode (`Spread`: domain randomization). The robot is pushed, if
+you ask for it. An estimate of the goal combines all noisy measurements so far, in the same way for
+every planner (`predict`, `correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last two actions: OBSERVATION
     another planner     the same, the whole estimate, the step limits, the step's period: `View`
@@ -39,8 +39,8 @@ same way for every planner (`predict`, `correct`). Who knows what:
     reward              the true pose, the goal, a fall, the time, actions, where the feet should be
     nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
 
-Read down to the line of equals signs. Below it are the estimate of the goal, the world that brings
-everything together, the pictures, the interfaces of Gymnasium, and the demonstration.
+Read down to the line of equals signs. Below it are the estimate of the goal, what is random, the
+world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
 """
 
 from dataclasses import dataclass
@@ -86,31 +86,6 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Spread:
-    """How far floor and robot may be from the model in an episode (domain randomization): ± on
-    every number of the field of the same name in the Body of stage 1, each uniform and independent.
-    All zeros: the model itself. Sizes: our choice."""
-
-    friction: float = 0.3  # [-] on μ
-    mass: float = 0.10  # [-] on the factors of every link's mass and inertia
-    stiffness: float = 0.20  # [-] on the factors of every motor's position gain
-    stiction: float = 0.5  # [-] on the factors of every joint's dry friction
-    delay: float = 1.0  # [ticks] so from 0 to 1, see `draw`
-    zero: float = 3**0.5 * np.radians(0.5)  # [rad] of every joint: σ = 0.5°
-    com: float = 0.01  # [m] on x, y, z of the torso's centre of mass
-    gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
-
-    def draw(self, rngs, robot):
-        """The Body of stage 1 for n robots, one generator each."""
-        body = robot_model.Body.as_model(robot, len(rngs))
-        for name, size in vars(self).items():
-            values = getattr(body, name)  # [n, …]
-            values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
-        body.friction, body.delay = np.abs([body.friction, body.delay])  # neither is below 0
-        return body
-
-
-@dataclass(frozen=True)
 class StepLimits:
     """The smallest and the largest footstep that an action can command."""
 
@@ -125,17 +100,12 @@ LIMITS = {
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.14, 0.18, 0.50)),
 }
 
-# The process noise of the filter [m, m, rad]: standard deviation of the sum of the errors of five
-# equal double steps, ÷ √5. `python tests/studies/walk.py` prints about these numbers. (`--mujoco`
-# in 3-D.) A single double step errs by about half of it. But equal ones in a row err alike.
-DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
-
 # The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal;
 # α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper, Fig. 2; the
 # encoding is ours). "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster
-# than d. Of a goal beyond 2 m a policy sees little but the direction and the yaw. (These are 7 % of
-# the goals in training.) What a double step does also depends on how the body moves when it begins.
-# No planner sees that, so the last two actions stand in for it.
+# than d. Of a goal beyond 2 m (7 % in training) a policy sees little but the direction and the yaw.
+# What a double step does also depends on how the body moves when it begins. No planner sees that;
+# the last two actions stand in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -161,32 +131,7 @@ class View:
     neutral_action: np.ndarray  # [6] step on the spot
 
 
-def checked(name, value, *shape):
-    """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
-    array = np.array(value, float)
-    if array.shape != shape or not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite numbers of shape {shape}, not {value!r:.60}")
-    return array
-
-
 # ------------------------------------------------------------------------ goals
-STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
-
-
-def stream(name, seed, *more):
-    """A random generator of its own for every stream, seed, and number of a trial."""
-    # + 1: to numpy the seeds [a, b, 0] and [a, b] are the same.
-    return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
-
-
-def draw_goals(rng, count, task=Task(), far=False):
-    """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
-    std = task.far_std_m if far else task.goal_std_m
-    goals = rng.normal(0, (std, std, task.goal_std_rad), (count, 3))
-    goals[:, 2] = wrap(goals[:, 2])
-    return goals
-
-
 def polar(goal):
     """d [m], α, β [rad], each [...], of goals seen from the robot, [..., 3] (x, y, yaw)."""
     x, y, yaw = np.moveaxis(goal, -1, 0)
@@ -266,8 +211,7 @@ def reward_terms(
     With the discount γ of stage 4 a reward t double steps ahead counts γᵗ times. Split the
     progress, Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′. In the discounted sum the first parts cancel but for
     the ends (potential-based shaping: Ng, Harada, Russell, 1999). As no Φ is above 0, the second
-    part is a cost: 0.05·d per double step for the distance with γ = 0.95. So it pays to hurry.
-    (More of this: `tests/exercises/predict.md`, *circle*.)"""
+    part is a cost, 0.05·d a double step with γ = 0.95: it pays to hurry (predict.md, *circle*)."""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -286,6 +230,12 @@ def reward_terms(
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the estimate
+# The process noise of the filter [m, m, rad]: standard deviation of the sum of the errors of five
+# equal double steps, ÷ √5. `python tests/studies/walk.py` prints about these numbers. (`--mujoco`
+# in 3-D.) A single double step errs by about half of it. But equal ones in a row err alike.
+DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0201, 0.0177, 0.1171)}
+
+
 # A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. For a double step the filter
 # expects DRIFT: 1 to 2 cm, in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
 # filter. (In 3-D it pays less for the yaw, and for a distant goal, which an unplanned turn moves to
@@ -325,9 +275,59 @@ def correct(goal, covariance, measured, noise):
     return goal, K @ R  # P ← K·R
 
 
+# ------------------------------------------------------------------------ what is random
+STREAMS = {"training": 1, "tuning": 2, "evaluation": 3}  # "tuning": of planners
+
+
+def stream(name, seed, *more):
+    """A random generator of its own for every stream, seed, and number of a trial."""
+    # + 1: to numpy the seeds [a, b, 0] and [a, b] are the same.
+    return np.random.default_rng([STREAMS[name], seed, *(number + 1 for number in more)])
+
+
+def draw_goals(rng, count, task=Task(), far=False):
+    """Goal poses [count, 3]: x, y [m], yaw [rad]. Goal i does not depend on `count`."""
+    std = task.far_std_m if far else task.goal_std_m
+    goals = rng.normal(0, (std, std, task.goal_std_rad), (count, 3))
+    goals[:, 2] = wrap(goals[:, 2])
+    return goals
+
+
+@dataclass(frozen=True)
+class Spread:
+    """How far floor and robot may be from the model in an episode (domain randomization): ± on
+    every number of the field of the same name in the Body of stage 1, each uniform and independent.
+    All zeros: the model itself. Sizes: our choice."""
+
+    friction: float = 0.3  # [-] on μ
+    mass: float = 0.10  # [-] on the factors of every link's mass and inertia
+    stiffness: float = 0.20  # [-] on the factors of every motor's position gain
+    stiction: float = 0.5  # [-] on the factors of every joint's dry friction
+    delay: float = 1.0  # [ticks] so from 0 to 1, see `draw`
+    zero: float = 3**0.5 * np.radians(0.5)  # [rad] of every joint: σ = 0.5°
+    com: float = 0.01  # [m] on x, y, z of the torso's centre of mass
+    gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
+
+    def draw(self, rngs, robot):
+        """The Body of stage 1 for n robots, one generator each."""
+        body = robot_model.Body.as_model(robot, len(rngs))
+        for name, size in vars(self).items():
+            values = getattr(body, name)  # [n, …]
+            values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
+        body.friction, body.delay = np.abs([body.friction, body.delay])  # neither is below 0
+        return body
+
+
 # ------------------------------------------------------------------------ the world
-# Random numbers: every robot has a generator. It makes others in each episode, one for each
-# purpose, so one more measurement does not change the pushes:
+def checked(name, value, *shape):
+    """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
+    array = np.array(value, float)
+    if array.shape != shape or not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite numbers of shape {shape}, not {value!r:.60}")
+    return array
+
+
+# A robot's generator makes others in each episode, one for each purpose:
 # GOAL    where it is                    PUSH   when, and in which direction
 # WORLD   floor and body                 IMU    its errors while the robot walks
 # NOISE   of the measured goal
@@ -545,10 +545,9 @@ def draw_scene(axes, world, goal, feet, torso, joints, chosen=(), size=4):
 class FootstepVectorEnv(gym.vector.VectorEnv):
     """N independent episodes in one call. An ended episode starts again in the SAME step.
 
-    Then `step` returns the first observation of the next episode. The last observation of the ended
-    episode is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's vector
-    wrappers of observations refuse this mode. They work with
-    `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
+    Then `step` returns the first observation of the next episode. The last one of the ended episode
+    is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's wrappers that
+    refuse this mode work with `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
