@@ -253,6 +253,24 @@ def test_the_cross_entropy_method_draws_nearer_to_the_best():
     assert np.shape(seen) == (15, 28, 2) and 0 <= np.min(seen) and np.max(seen) <= 1
 
 
+def test_an_evolution_strategy_learns_along_which_valley_to_go():
+    """A valley a hundred times as long as wide, in no axis' direction."""
+    rng, seen = default_rng(0), []
+    turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    optimum = np.full(6, 0.6)
+
+    def costs(generation, drawn):
+        seen.append(drawn)
+        return (((drawn - optimum) @ turn * [100, 1, 1, 1, 1, 1]) ** 2).sum(1)
+
+    start, spread = np.full(6, 0.4), np.full(6, 0.1)
+    found = common.cma_es(costs, start, spread, 200, 12, rng, np.zeros(6), np.ones(6))
+    close(found, optimum, "with its covariance it should come down the valley", atol=1e-3)
+    assert np.shape(seen) == (200, 12, 6) and 0 <= np.min(seen) and np.max(seen) <= 1
+    first, last = (np.std(drawn @ turn, 0) for drawn in (seen[0], seen[60]))
+    assert last[0] / last[1:].mean() < 0.3 * first[0] / first[1:].mean(), "narrow across the valley"
+
+
 def test_errors_that_repeat_add_up_in_what_the_filter_expects():
     rng = default_rng(0)
     planned = np.tile([0.1, 0.0, 0.2], (4000, 8, 1))

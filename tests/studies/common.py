@@ -340,6 +340,44 @@ def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, sta
     return mean
 
 
+def cma_es(costs, mean, spread, generations, population, rng, low, high):
+    """Covariance matrix adaptation (N. Hansen: The CMA Evolution Strategy: A Tutorial, 2016, arXiv
+    1604.00772): draws candidates from a normal distribution, and moves it to the best half of them.
+
+    costs(generation, drawn [population, n]) -> [population] is to be made small. mean, spread, low,
+    high [n]: where the search begins, the first standard deviations, the limits. Returns the last
+    mean [n]. Names and constants are those of the tutorial.
+    """
+    n, mean = len(mean), np.array(mean, float)
+    weights = np.log((population + 1) / 2) - np.log(np.arange(1, population // 2 + 1))
+    weights /= weights.sum()
+    mu_eff = 1 / (weights**2).sum()
+    c_s = (mu_eff + 2) / (n + mu_eff + 5)
+    d_s = 1 + 2 * max(0, ((mu_eff - 1) / (n + 1)) ** 0.5 - 1) + c_s
+    c_c = (4 + mu_eff / n) / (n + 4 + 2 * mu_eff / n)
+    c_1 = 2 / ((n + 1.3) ** 2 + mu_eff)
+    c_mu = min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / ((n + 2) ** 2 + mu_eff))
+    chi = n**0.5 * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # E‖N(0, I)‖
+    sigma, C, p_s, p_c = 1.0, np.eye(n), np.zeros(n), np.zeros(n)
+    for generation in range(generations):
+        values, B = np.linalg.eigh(C)  # C = B·D²·Bᵀ
+        D = np.sqrt(np.maximum(values, 1e-12))
+        drawn = mean + sigma * spread * (rng.normal(size=(population, n)) * D @ B.T)
+        drawn = np.clip(drawn, low, high)
+        best = drawn[np.argsort(costs(generation, drawn))[: len(weights)]]
+        steps = (best - mean) / (sigma * spread)  # in units of the first spread
+        step = weights @ steps
+        mean = mean + sigma * spread * step
+        # Evolution paths: do steps in a row go the same way? Then sigma grows, and C along p_c.
+        p_s = (1 - c_s) * p_s + (c_s * (2 - c_s) * mu_eff) ** 0.5 * B @ (B.T @ step / D)
+        length = np.linalg.norm(p_s)
+        usual = (1 - (1 - c_s) ** (2 * generation + 2)) ** 0.5 * (1.4 + 2 / (n + 1)) * chi
+        p_c = (1 - c_c) * p_c + (length < usual) * (c_c * (2 - c_c) * mu_eff) ** 0.5 * step
+        C = (1 - c_1 - c_mu) * C + c_1 * np.outer(p_c, p_c) + c_mu * (weights * steps.T) @ steps
+        sigma *= np.exp(c_s / d_s * (length / chi - 1))
+    return mean
+
+
 def said(name):
     """Returns what a study has found: {name: sentences or table}."""
     paths = [*RESULTS.glob(f"*/studies/{name}.json")]
