@@ -195,7 +195,7 @@ def turned(vector, yaw):
 
 
 def compose(base, pose):
-    """The pose [..., 3] (x, y, yaw) given in the frame `base` [..., 3], seen from outside."""
+    """The pose [..., 3] (x, y, unwrapped yaw), given in the frame `base` [..., 3], from outside."""
     position = base[..., :2] + turned(pose[..., :2], base[..., 2])
     yaw = base[..., 2:] + pose[..., 2:]  # [..., 1]
     return np.concatenate([position, yaw], -1)

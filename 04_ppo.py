@@ -81,9 +81,9 @@ class ActorCritic(nn.Module):
     """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
 
     Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
-    hump, as α, β > 1. In the paper the actor's outputs are α and β. Ours say where the hump's top
-    is, the mode m, and how narrow it is, the concentration c = α + β. Training uses sampled
-    actions, evaluation the mode, as in the paper.
+    hump, as α, β > 1. (Stage 3 has other α, β.) In the paper the actor's outputs are α and β. Ours
+    say where the hump's top is, the mode m, and how narrow it is, the concentration c = α + β.
+    Training uses sampled actions, evaluation the mode, as in the paper.
         m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)"""
 
     def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
@@ -174,8 +174,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         one step     δ_t                  little noise, but wrong where the critic is wrong
         two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t): the V between
                                           cancels
-        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average (a wrong V(s_t) is the
-                                          same for all actions, like b above), but noisy
+        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy (a wrong
+                                          V(s_t) is the same for all actions, so it cancels)
     λ between 0 (the first of them) and 1 (the last one) lets later δ fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}           so δ 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
 
@@ -237,8 +237,8 @@ def improve(model, optimizer, data, cfg):
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean()  # [nats]
-        # 1 − Var[target − V] / Var[target].   1: V predicts the return. 0: V is no better than a
-        # constant, the mean of all targets. (The targets contain V, so 1 is no proof of a good V.)
+        # 1 − Var[target − V] / Var[target].   1: V predicts the targets, but for a constant. 0: no
+        # better than their mean. (The targets contain V, so 1 is no proof of a good V.)
         unexplained = (targets - model.value(obs)).var() / targets.var()
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
