@@ -191,9 +191,8 @@ class WalkEngine:
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
         time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
-        ends = (
-            np.arange(3) + 0.5 + p.trunk_phase
-        ) * self.step_time  # [3] [s] when a knot is reached
+        # [3] [s] when a knot is reached
+        ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.step_time
         begins = 0.0, *ends
         states = self.trunk_state[robots], *knots  # [n, 6, 3] each
         path = np.empty((len(states[0]), 6, len(time)))
