@@ -223,8 +223,8 @@ class WalkEngine:
 
 
 # ==================================================================== the end of a first reading
-# Found by `tests/studies/walk.py --tune`. In 2-D, on 2026-11-26, it found 34 half_ticks; 31 is as
-# in 3-D. The search in 3-D was on 2026-11-23, for a robot without dry friction.
+# Found by searches for speed: in 2-D on 2026-11-26 (half_ticks is that of 3-D), in 3-D on 2026-11-23,
+# for a robot without dry friction. `tests/studies/walk.py --tune` searches for fewer points.
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
