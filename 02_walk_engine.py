@@ -223,7 +223,7 @@ class WalkEngine:
 
 
 # ==================================================================== the end of a first reading
-# Found by searches for speed: in 2-D on 2026-11-26 (half_ticks is that of 3-D), in 3-D on 2026-11-23,
+# Found by searches for speed: in 2-D on 2026-11-26 (half_ticks as in 3-D), in 3-D on 2026-11-23,
 # for a robot without dry friction. `tests/studies/walk.py --tune` searches for fewer points.
 TUNED = {
     "pymunk": WalkParameters(
