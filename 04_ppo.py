@@ -26,8 +26,8 @@ learning_curve.png there. (`plot_learning_curve` says what is normal in this pic
 measured with noise (in the paper: in some evaluations). `train` takes other tasks of Gymnasium,
 too, with vectors to observe and actions in [0, 1].
 
-Read down to the line of equals signs. Below it are the policy gradient, `train`, which keeps the
-files of a training, the picture, and the command line.
+Read down to the line of equals signs. Below it are the policy gradient, the networks, `train`,
+which keeps the files of a training, the picture, and the command line.
 
 Leaves out: recurrent policies, normalisation of observations and rewards, GPUs; and what [8] can do
 but does not do by default: an entropy bonus, value clipping, a stop at a large KL.
@@ -74,56 +74,6 @@ class PPOConfig:
     max_grad_norm: float = 0.5  # `improve` scales longer gradients down to this [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer of `mlp` [P]
     first_concentration: float = 10.0  # c = α+β of the first policy; large: little noise [own]
-
-
-# ------------------------------------------------------------------------ the networks
-class ActorCritic(nn.Module):
-    """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
-
-    Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
-    hump, as α, β > 1. (Stage 3 has other α, β.) In the paper the actor's outputs are α and β. Ours
-    say where the hump's top is, the mode m, and how narrow it is, the concentration c = α + β.
-    Training uses sampled actions, evaluation the mode, as in the paper.
-        m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)"""
-
-    def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
-        super().__init__()
-        self.sizes = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
-        self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
-        self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # The last weights are small, so the first outputs x are nearly the bias. The bias is chosen
-        # so that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
-        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
-        mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
-        c_minus_2 = torch.full_like(mode, concentration - 2.0)
-        # Both are solved for x
-        self.actor[-1].bias.data = torch.cat([mode.logit(), c_minus_2.expm1().log()])
-
-    def value(self, obs):
-        """The critic's V(s): [..., obs] -> [...]."""
-        return self.critic(obs).squeeze(-1)
-
-    def policy(self, obs):
-        """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
-        raw_mode, raw_c = self.actor(obs).chunk(2, dim=-1)
-        mode = raw_mode.sigmoid()
-        # Limits for float32: ln π(a|s) stays finite, and the hump has a top
-        c_minus_2 = nn.functional.softplus(raw_c).clamp(1e-3, 1e3)
-        alpha, beta = 1.0 + c_minus_2 * mode, 1.0 + c_minus_2 * (1.0 - mode)
-        # 1: so ln π(a|s) is the sum over the last axis, the variables of an action. (PyTorch's
-        # checks of the values cost time.)
-        return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
-
-    def sample(self, obs):
-        """Random actions of the policy, to explore; tensors: [N, obs] -> [N, act]."""
-        with torch.no_grad():
-            # Exactly 0 or 1 would have an infinite log-probability.
-            return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
-
-    def decide(self, obs):
-        """The mode, without exploring ([8]: deterministic); arrays: [N, obs] -> [N, act]."""
-        with torch.no_grad(), one_thread():
-            return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mode.numpy()
 
 
 # ------------------------------------------------------------------------ one update of PPO
@@ -314,7 +264,7 @@ def learn(model, optimizer, envs, cfg, updates, first=0, seed=None, improve=impr
 # leave out a factor γᵗ, as nearly everybody does: with it late decisions would hardly be learned.)
 
 
-# ------------------------------------------------------------------------ a whole training
+# ------------------------------------------------------------------------ the networks
 def mlp(sizes, last_gain):
     """Linear layers with tanh between them. The first weights are random, orthogonal, as in [8]."""
     layers = []
@@ -328,6 +278,56 @@ def mlp(sizes, last_gain):
     return nn.Sequential(*layers)
 
 
+class ActorCritic(nn.Module):
+    """Two separate networks: the actor proposes actions, the critic predicts the return V(s).
+
+    Each action variable x in [0, 1] has a Beta distribution, p(x) ∝ x^(α−1)·(1−x)^(β−1): a single
+    hump, as α, β > 1. (Stage 3 has other α, β.) In the paper the actor's outputs are α and β. Ours
+    say where the hump's top is, the mode m, and how narrow it is, the concentration c = α + β.
+    Training uses sampled actions, evaluation the mode, as in the paper.
+        m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)"""
+
+    def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentration=10.0):
+        super().__init__()
+        self.sizes = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
+        self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
+        self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
+        # The last weights are small, so the first outputs x are nearly the bias. The bias is chosen
+        # so that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
+        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
+        mode = torch.as_tensor(first_action, dtype=torch.float32).expand(act_dim).clamp(0.01, 0.99)
+        c_minus_2 = torch.full_like(mode, concentration - 2.0)
+        # Both are solved for x
+        self.actor[-1].bias.data = torch.cat([mode.logit(), c_minus_2.expm1().log()])
+
+    def value(self, obs):
+        """The critic's V(s): [..., obs] -> [...]."""
+        return self.critic(obs).squeeze(-1)
+
+    def policy(self, obs):
+        """π(·|s): [..., obs] -> a distribution over actions [..., act]."""
+        raw_mode, raw_c = self.actor(obs).chunk(2, dim=-1)
+        mode = raw_mode.sigmoid()
+        # Limits for float32: ln π(a|s) stays finite, and the hump has a top
+        c_minus_2 = nn.functional.softplus(raw_c).clamp(1e-3, 1e3)
+        alpha, beta = 1.0 + c_minus_2 * mode, 1.0 + c_minus_2 * (1.0 - mode)
+        # 1: so ln π(a|s) is the sum over the last axis, the variables of an action. (PyTorch's
+        # checks of the values cost time.)
+        return Independent(Beta(alpha, beta, validate_args=False), 1, validate_args=False)
+
+    def sample(self, obs):
+        """Random actions of the policy, to explore; tensors: [N, obs] -> [N, act]."""
+        with torch.no_grad():
+            # Exactly 0 or 1 would have an infinite log-probability.
+            return self.policy(obs).sample().clamp(1e-6, 1.0 - 1e-6)
+
+    def decide(self, obs):
+        """The mode, without exploring ([8]: deterministic); arrays: [N, obs] -> [N, act]."""
+        with torch.no_grad(), one_thread():
+            return self.policy(torch.as_tensor(obs, dtype=torch.float32)).mode.numpy()
+
+
+# ------------------------------------------------------------------------ a whole training
 @contextmanager
 def one_thread():
     """PyTorch computes with one thread: quicker here, and core counts change no rounding."""
