@@ -17,7 +17,7 @@ own, between 0.25 and 0.35 rad, within eight simulated seconds, and waits for th
 `tests/exercises/predict.md`, *lean*, shows. The stage takes 4 seconds (in 3-D 8).
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
-(from joints to places, and back), the control loop, two kinds of physics, the drawing, and files.
+(from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
 
       seen from its right side                        seen from behind
         z                                               z
@@ -100,7 +100,8 @@ class Link:
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
+    """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise. This
+    is a table to look things up."""
 
     # Masses, centres of mass, the torso's inertia: public model; arms as carried in a walk, the
     # left leg. Other inertias: our estimates for the merged parts.
@@ -232,45 +233,6 @@ def centre_of_mass(robot, torso, joints):
     coms[5:, 1] *= -1  # outward: on the right side to the right
     centres = points + apply(turns, coms)  # [K, 9, 3]
     return np.average(centres, 1, [link.mass for link in links])
-
-
-# ------------------------------------------------------------------------ demonstration
-def main():
-    args = stage_parser(__doc__).parse_args()
-    out = output_folder(args)
-    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
-    leans = np.linspace(0.25, 0.35, 101)  # [rad]
-    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
-    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
-    # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
-    time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
-    share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
-    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
-    robots = np.arange(len(leans))
-    sim.reset(robots)
-    motion = sim.run(robots, Trajectory(joints))
-    if motion.fell[0] or not motion.fell.any():
-        raise InputError("the first robot falls, or none does: change the range of `leans`")
-    i = motion.fell.argmax()  # the first one
-    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
-    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
-    moments = slice(down - 60, down + 1, 10)  # seven
-    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
-
-    axes = Figure().subplots()
-    camera = camera_at(-90, 10)  # [3, 3] its rows: towards the camera, right, up
-    draw_ground(axes, camera, 0.5)
-    draw_robots(axes, ROBOT, torso, joints, camera)
-    _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
-    axes.plot(right, up, "k.-")
-    axes.axvline(ROBOT.foot_front, color="black", ls=":")
-    axes.set_title(
-        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
-        "blue, orange: left, right leg; dots: centre of mass; dotted: the toes before the fall"
-    )
-    save_figure(axes.figure, out / "01_robot.png")
-    print("Look at", out / "01_robot.png")
 
 
 # ==================================================================== the end of a first reading
@@ -974,6 +936,45 @@ def start(main):
     except (InputError, KeyboardInterrupt) as error:
         print(f"\n{Path(sys.argv[0]).name}: {str(error) or 'interrupted'}", file=sys.stderr)
         sys.exit(2)
+
+
+# ------------------------------------------------------------------------ demonstration
+def main():
+    args = stage_parser(__doc__).parse_args()
+    out = output_folder(args)
+    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
+    leans = np.linspace(0.25, 0.35, 101)  # [rad]
+    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
+    # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
+    # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
+    time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
+    share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
+    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
+    robots = np.arange(len(leans))
+    sim.reset(robots)
+    motion = sim.run(robots, Trajectory(joints))
+    if motion.fell[0] or not motion.fell.any():
+        raise InputError("the first robot falls, or none does: change the range of `leans`")
+    i = motion.fell.argmax()  # the first one
+    print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
+    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
+    moments = slice(down - 60, down + 1, 10)  # seven
+    torso, joints = motion.torso[i, moments], motion.joints[i, moments]
+
+    axes = Figure().subplots()
+    camera = camera_at(-90, 10)  # [3, 3] its rows: towards the camera, right, up
+    draw_ground(axes, camera, 0.5)
+    draw_robots(axes, ROBOT, torso, joints, camera)
+    _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
+    axes.plot(right, up, "k.-")
+    axes.axvline(ROBOT.foot_front, color="black", ls=":")
+    axes.set_title(
+        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
+        "blue, orange: left, right leg; dots: centre of mass; dotted: the toes before the fall"
+    )
+    save_figure(axes.figure, out / "01_robot.png")
+    print("Look at", out / "01_robot.png")
 
 
 if __name__ == "__main__":

@@ -30,11 +30,11 @@ Then the stage pushes twelve walking robots forward, each at another moment of t
 first run they walk without any answer (in open loop), in a second one with the reflex, in a third
 one with all three answers, also in 2-D. Guess first: how many fall each time, in 3-D and in 2-D?
 (Answers: `tests/exercises/predict.md`, *capture*. In this test waiting changes nothing.) Each push
-lasts for 50 ms. It would give the torso alone 0.8 m/s. It gives the whole robot 0.3 m/s in 2-D and
-0.4 m/s in 3-D, as the floor takes a part.
+lasts for 50 ms. It would give the torso alone 0.8 m/s. The whole robot, heavier and held by the
+floor, gets 0.3 m/s in 2-D and 0.4 m/s in 3-D.
 
-Read down to the line of equals signs. Up to there a walk is planned. Below it stand the quintics,
-the three answers to a push, and the code that walks, prints and draws. `python
+Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
+paths (quintics), the three answers to a push, and the code that walks, prints and draws. `python
 tests/studies/walk.py` measures the walk on other floors and with other bodies, and tunes it.
 Nothing is random here.
 
@@ -126,13 +126,6 @@ class WalkEngine:
         left = compose(right, steps[:, LEFT])
         return left, compose(left, steps[:, RIGHT])
 
-    def closing_step(self, robots):
-        """How far the middle of the feet still goes if the next double step is in place, seen from
-        this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
-        left, right = self.foot_poses[robots].swapaxes(0, 1)  # [n, 3] each
-        closed = compose(right, self.beside[:1])
-        return robot_model.relative((left + right) / 2, (closed + right) / 2)
-
     def plan(self, footsteps, robots):
         """The WalkPlan of the next double step of these robots [n]. The engine takes it as done:
         the next plan begins where this one ends, wherever the robot then is.
@@ -187,6 +180,14 @@ class WalkEngine:
         knot[:, 4, 0] = p.trunk_pitch
         return knot
 
+    # ================================================================ the end of a first reading
+    def closing_step(self, robots):
+        """How far the middle of the feet still goes if the next double step is in place, seen from
+        this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
+        left, right = self.foot_poses[robots].swapaxes(0, 1)  # [n, 3] each
+        closed = compose(right, self.beside[:1])
+        return robot_model.relative((left + right) / 2, (closed + right) / 2)
+
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         p = self.parameters
@@ -222,7 +223,6 @@ class WalkEngine:
         return foot
 
 
-# ==================================================================== the end of a first reading
 # Found by searches for speed: in 2-D on 2026-11-26 (half_ticks as in 3-D), in 3-D on 2026-11-23,
 # for a robot without dry friction. `tests/studies/walk.py --tune` searches for fewer points.
 TUNED = {

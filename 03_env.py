@@ -7,7 +7,7 @@ fall, or when its time is up. The goal: two double steps in a row (in the paper:
 
 (`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
 what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
-is about noisy goals. Predict (the run shows the answers, but for a robot that stands still):
+is about noisy goals. Predict (the run shows the answers, except for standing still):
 
 1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
    hand-written planner, and which have negative sums?
@@ -33,7 +33,7 @@ you ask for it. An estimate of the goal combines all noisy measurements so far, 
 every planner (`predict`, `correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last two actions: OBSERVATION
-    another planner     the same, the whole estimate, the step limits, the step's period: `View`
+    another planner     the same, the goal unclipped, the step limits and period: `View`
     estimate            noisy measurements of the goal, and the planned motion of a double step
     robot's computer    the planned double step; tilt and turning rates of the torso, with errors
     reward              the true pose, the goal, a fall, the time, actions, where the feet should be
@@ -58,7 +58,7 @@ wrap = robot_model.wrap
 
 @dataclass(frozen=True)
 class Task:
-    """The task. A comment ends with its source: "paper" or "ours"."""
+    """The task. Comments name the source: "paper" or "ours"."""
 
     # [m] goals: x, y ~ N(0, σ²); ours: with it `baseline` of stage 5 takes about the paper's time
     goal_std_m: float = 0.5
@@ -165,13 +165,6 @@ def to_footsteps(action, limits):
     return limits.low + share * np.subtract(limits.high, limits.low)
 
 
-def to_action(footsteps, limits):
-    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
-    span = np.subtract(limits.high, limits.low)  # [3]
-    share = np.subtract(footsteps, limits.low) / np.maximum(span, 1e-9)
-    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
-
-
 # ------------------------------------------------------------------------ rewards
 def potentials(goal, near_m):
     """Φ [3, n] of the three rewards for progress; goals seen from the robot [n, 3]."""
@@ -206,12 +199,8 @@ def reward_terms(
     All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
     (`potentials`) after the double step minus the one before it. Without a discount all but the
     ends cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall,
-    too, so the farther from the goal the robot falls, the less it was paid (Φ_d = −d).
-
-    With the discount γ of stage 4 a reward t double steps ahead counts γᵗ times. Split the
-    progress, Φ′ − Φ = (γ·Φ′ − Φ) + (1 − γ)·Φ′. In the discounted sum the first parts cancel but for
-    the ends (potential-based shaping: Ng, Harada, Russell, 1999). As no Φ is above 0, the second
-    part is a cost, 0.05·d a double step with γ = 0.95: it pays to hurry (predict.md, *circle*)."""
+    too, so the farther from the goal the robot falls, the less it was paid (Φ_d = −d). With the
+    discount of stage 4 it also pays to hurry (predict.md, *circle*)."""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -319,6 +308,13 @@ class Spread:
 
 
 # ------------------------------------------------------------------------ the world
+def to_action(footsteps, limits):
+    """The action [..., 6] of footsteps [..., 2, 3], clipped to [0, 1]; undoes `to_footsteps`."""
+    span = np.subtract(limits.high, limits.low)  # [3]
+    share = np.subtract(footsteps, limits.low) / np.maximum(span, 1e-9)
+    return np.clip(share, 0, 1).reshape(*share.shape[:-2], 6)
+
+
 def checked(name, value, *shape):
     """The value as an array [shape]. A ValueError if it is not finite, or has another shape."""
     array = np.array(value, float)

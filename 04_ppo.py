@@ -73,7 +73,7 @@ class PPOConfig:
     value_coef: float = 0.5  # c_V, weight of the critic's loss in `improve` (vf_coef) [8]
     max_grad_norm: float = 0.5  # `improve` scales longer gradients down to this [8]
     hidden: tuple = (64, 64)  # neurons per hidden layer of `mlp` [P]
-    first_concentration: float = 10.0  # c = α+β of the first policy; large: little noise [own]
+    first_concentration: float = 10.0  # of the first Beta policy; large: little noise [own]
 
 
 # ------------------------------------------------------------------------ one update of PPO
@@ -129,15 +129,16 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     λ between 0 (the first of them) and 1 (the last one) lets later δ fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}           so δ 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
 
-    A fall and a cut-off both end an episode, and the sum. After a fall (terminated), or at the
-    goal, there is no future: the later rewards are 0. After a cut-off (truncated: the time is up)
-    the world would have gone on; only our recording stopped. A 0 would pull V towards 0 there: down
-    where walking pays, and up where it only costs, as for a robot that does not find its goal. So V
-    of the LAST observation of that episode stands for the rest ("bootstrapping"), and never V of
-    the next episode's first one. The same holds where a rollout ends within an episode."""
+    A fall, the goal and a cut-off all end an episode, and the sum. After a fall, or at the goal
+    (terminated), there is no future: the later rewards are 0. After a cut-off (truncated: the
+    time is up) the world would have gone on; only our recording stopped. A 0 would pull V
+    towards 0 there: down where walking pays, and up where it only costs, as for a robot that
+    does not find its goal. So V of the LAST observation of that episode stands for the rest
+    ("bootstrapping"), and never V of the next episode's first one. The same holds where a
+    rollout ends within an episode."""
     after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
     deltas = rewards + gamma * after - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
-    goes_on = ~(terminated | truncated)  # the sum stops at a fall AND at a cut-off
+    goes_on = ~(terminated | truncated)  # the sum stops at a fall, at the goal AND at a cut-off
     advantages = torch.empty_like(rewards)
     next_advantage = torch.zeros_like(rewards[0])  # [N] A_{t+1}
     for t in reversed(range(len(rewards))):  # A_t = δ_t + γ·λ·A_{t+1} within one episode
@@ -150,11 +151,11 @@ def clipped_objective(ratio, advantage, clip):
     """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s).
     PPO uses a sample several times while the policy moves on, so it weights the sample by ρ. (At
     ρ = 1 the gradient of ρ·A is A·∇ln π.) For a good action (A > 0) the objective is constant where
-    ρ > 1 + ε, for a bad one (A < 0) where ρ < 1 − ε. There this sample has no gradient. It is no
-    bound: other samples move the policy on, and here four in ten end outside of 1 ± ε. If ρ has
+    ρ > 1 + ε, for a bad one (A < 0) where ρ < 1 − ε. There this sample moves no policy. It is no
+    bound: others move it on, and here 44 % end outside of 1 ± ε at first, 23 % at the end. If ρ has
     moved against A, the unclipped product is the smaller one and keeps its gradient. Hence the
     minimum."""
-    # L = min(ρ·A, clip(ρ, 1 − ε, 1 + ε)·A)
+    # min(ρ·A, clip(ρ, 1 − ε, 1 + ε)·A)
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
 
@@ -187,16 +188,14 @@ def improve(model, optimizer, data, cfg):
     obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)  # [B, …]
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean()  # [nats]
-        # 1 − Var[target − V] / Var[target].   1: V predicts the targets, but for a constant. 0: no
-        # better than their mean. (The targets contain V, so 1 is no proof of a good V.)
+        # For the log, see `plot_learning_curve`:  1 − Var[target − V] / Var[target]
         unexplained = (targets - model.value(obs)).var() / targets.var()
     for _ in range(cfg.epochs):
         for pick in torch.randperm(len(obs)).split(cfg.minibatch):  # [minibatch]
             ratio = (model.policy(obs[pick]).log_prob(action[pick]) - old_log_prob[pick]).exp()
             # Â = (A − mean) / std over the minibatch: is an action better or worse than the others?
             # So the actor's loss does not depend on the unit of the rewards. (The critic's does,
-            # and both gradients are limited together.) A single fall makes the std large, so the Â
-            # of all others in its minibatch are small.
+            # and both gradients are limited together.)
             a = advantages[pick]
             a = (a - a.mean()) / (a.std(correction=0) + 1e-8)  # (of a single sample: 0, not nan)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
@@ -206,11 +205,9 @@ def improve(model, optimizer, data, cfg):
             loss.backward()
             nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
             optimizer.step()
-    with torch.no_grad():  # the policy after the update against π_old
+    with torch.no_grad():  # for the log: the policy after the update against π_old
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
-        # How far the policy moved: KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. We take the mean
-        # of (ρ − 1) − ln ρ: it is the same, as E[ρ − 1] = 0, with less noise, as ln ρ ≈ ρ − 1.
         return {
             "entropy": entropy.item(),
             "explained_variance": 1.0 - unexplained.item(),
@@ -490,7 +487,11 @@ def plot_learning_curve(rows, path, title):
     The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04 to 0.02
     nats. The explained variance, how much of the differences between the critic's targets V
     predicts, rises from about 0 to 0.2, and is below 0 in a quarter (2-D) or a third (3-D) of the
-    updates: even the true goal tells little of what a walk will return (see projects.md)."""
+    updates: even the true goal tells little of what a walk will return (see projects.md). At 1 V
+    would predict the targets but for a constant, at 0 it is no better than their mean.
+
+    KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. We take the mean of (ρ − 1) − ln ρ: it is the
+    same, as E[ρ − 1] = 0, with less noise, as ln ρ ≈ ρ − 1."""
     steps = np.array([row["steps"] for row in rows])  # [U]
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(10, 13))

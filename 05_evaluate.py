@@ -27,7 +27,7 @@ which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n ro
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
 measurements so far. A planner may use nothing but the view. (`tests/studies/search.py` is a worked
 example.) All planners meet the same goals, floors, bodies and pushes, and at their k-th decision
-the same noise (common random numbers). So no row has easier goals. `baseline` is the paper's, but
+the same noise (common random numbers). So no row has easier goals. `baseline` is [10], but
 decides once per double step. `baseline_tuned` is the same with settings optimised for this world;
 both feet share a sidestep, and a turn in proportion to their limits.
 
@@ -144,7 +144,7 @@ def double_step(planner, world, robots, push=(0, 0)):
 def wilson(count, total, z=1.96):
     """95 % interval [low, high] of a rate: `count` of `total` trials (Wilson score; it has a width
     also at 0)."""
-    # (p + z²/(2n) ± z·√(p·(1 − p)/n + z²/(4n²))) / (1 + z²/n)
+    # (p̂ + z²/(2n) ± z·√(p̂·(1 − p̂)/n + z²/(4n²))) / (1 + z²/n)
     p, shrink = count / total, 1 + z**2 / total
     centre = p + z**2 / (2 * total)
     margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
@@ -165,8 +165,8 @@ def bootstrap(statistic, *samples, resamples=2000):
 def time_ratio(trials, reference):
     """Compares the times of two planners over the goals that both reached; returns a dict:
     goals                         how many these are; the dict is empty if there is none
-    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its interval (95 %,
-                                  of 20 goals 92 %; below 20 goals nan)
+    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its interval (covers
+                                  the truth in 95 %, with 20 goals in 92 %; below 20 nan)
     faster, slower                shares of the goals reached sooner, later than by the reference"""
     both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
