@@ -132,6 +132,7 @@ def test_the_backend_of_a_notebook_may_be_missing():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_an_import_changes_nothing_in_its_surroundings():
     code = (
         "import os, torch; torch.set_num_threads(2); before = {**os.environ}; __import__('05_evaluate'); "
