@@ -132,7 +132,7 @@ class WalkEngine:
 
         footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive.
 
-            time   0 · · · · · · · · middle · · · · · · period · · · · · · ·
+            time   0 · · · · · · · · change · · · · · · period · · · · · · ·
             left   |both|   swing    |       support       |
             right  |     support     |both|   swing        |
             trunk  ├───── knot 1 ────────── knot 2 ────────┤──── (knot 3)

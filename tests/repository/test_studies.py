@@ -271,6 +271,38 @@ def test_an_evolution_strategy_learns_along_which_valley_to_go():
     assert last[0] / last[1:].mean() < 0.3 * first[0] / first[1:].mean(), "narrow across the valley"
 
 
+def test_a_search_of_the_walk_draws_walks_and_begins_with_the_one_in_use(monkeypatch):
+    world, seen = common.world("mujoco", num_robots=1), []
+    now = world.engine.parameters
+
+    def walked(world, parameters, seed):
+        seen.append(parameters)
+        outcome = np.array(["success", "fall", "success", "timeout"], object)
+        return {
+            "outcome": outcome,
+            "time": np.array([3.0, 1, 5, 100]),
+            "steps": np.arange(4),
+            "still_there": np.ones(4, bool),
+        }
+
+    monkeypatch.setattr(walk, "walked", walked)
+    close(walk.points(walked(world, now, 0)), 4 + 200 / 4 + 100 / 4, "time of successes, prices")
+    monkeypatch.setattr(walk, "GENERATIONS", 2)
+    found = walk.tune(world, 0)
+    ticks = {parameters.half_ticks for parameters in (*seen, found)}
+    assert len(ticks) > 1 and ticks <= {27, 28, 29, 30, 31}, f"the range of SEARCH: {ticks}"
+    assert type(found.trunk_swing) is float, "a line for TUNED shows plain numbers"
+    close(walk.sway(now, ROBOT), 0.25, "that of predict.md", atol=0.005)
+    hint = "the trunk sways as much more or less as the pendulum does"
+    for one in seen:
+        close(
+            one.trunk_swing / now.trunk_swing,
+            walk.sway(one, ROBOT) / walk.sway(now, ROBOT),
+            hint,
+            1e-3,
+        )
+
+
 def test_errors_that_repeat_add_up_in_what_the_filter_expects():
     rng = default_rng(0)
     planned = np.tile([0.1, 0.0, 0.2], (4000, 8, 1))

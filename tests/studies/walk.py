@@ -9,19 +9,16 @@
 map is eight walks. The searches print lines for TUNED, or for WALK of the file; they write no file.
 """
 
-import sys
 from dataclasses import replace
 from importlib import import_module
 from itertools import product
 from pathlib import Path
 
+import baseline
 import common
 import numpy as np
-from common import ROOT, env, evaluate, robot_model, share, values, walk_engine
+from common import env, evaluate, robot_model, share, values, walk_engine
 from tqdm import tqdm
-
-sys.path.append(str(ROOT / "tests" / "exercises"))
-import judge
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -220,15 +217,9 @@ SEARCH = {  # tuned parameters and their ranges, of our robot; our choice
     "fade": (0.005, 0.05),
     "wait": (0.0, 20.0),
 }
-ONLY_3D = (
-    "foot_distance",
-    "trunk_roll",
-    "capture",
-    "usual_lean",
-    "fade",
-    "wait",
-)  # in 2-D as they are
-RESTARTS, GENERATIONS, CANDIDATES = 3, 18, 12  # about 130,000 double steps each
+# In 2-D these stay as they are.
+ONLY_3D = "foot_distance", "trunk_roll", "capture", "usual_lean", "fade", "wait"
+RESTARTS, GENERATIONS, CANDIDATES = 3, 18, 12  # each restart: about 120,000 double steps
 WALKS = 12  # of each candidate to near and as many to far goals, and all of them again with pushes
 PUSH = 0.4  # [m/s]
 FRESH = 1000  # walks of each of these four kinds, that compare what the search has found
@@ -257,9 +248,7 @@ def walked(world, parameters, seed, count=WALKS):
 
 def points(ended):
     """Those of the contest, which the search makes small: time [s], and the price of falls."""
-    row = common.row_of(ended, "")
-    price = judge.PER_FALL * row["fall"] + judge.PER_TIMEOUT * row["timeout"]
-    return (row["time_mean"] or env.Task.time_limit) + price
+    return baseline.points(baseline.facts(ended))
 
 
 def tune(world, seed):
@@ -278,7 +267,7 @@ def tune(world, seed):
         found = dict(zip(names, x.round(4).tolist()))
         new = replace(start, **found | {"half_ticks": round(found["half_ticks"])})
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
-        return replace(new, trunk_swing=round(share, 4))
+        return replace(new, trunk_swing=round(float(share), 4))
 
     def costs(generation, drawn):
         # In one generation all candidates walk in the same worlds, in the next one in others.
@@ -287,10 +276,8 @@ def tune(world, seed):
         values = np.array([points(ended) for ended in found])
         falls = sum(int(common.fell(ended).sum()) for ended in found)
         steps = sum(int(ended["steps"].sum()) for ended in found)
-        print(
-            f"{generation:3d}  points: mean {values.mean():.2f}, best {values.min():.2f}; ", end=""
-        )
-        print(f"{falls} falls in {steps:,} double steps", flush=True)
+        told = f"points: mean {values.mean():.2f}, best {values.min():.2f}"
+        print(f"{generation:3d}  {told}; {falls} falls in {steps:,} double steps", flush=True)
         return values
 
     sizes, rng = (GENERATIONS, CANDIDATES), np.random.default_rng(seed)
