@@ -237,19 +237,22 @@ TUNED = {
         trunk_x_offset=-0.001,
         reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
     ),
-    "mujoco": WalkParameters(
-        half_ticks=31,
-        double_support=0.0777,
-        foot_distance=0.1634,
-        foot_rise=0.0307,
-        trunk_height=0.3767,
-        trunk_phase=-0.0475,
-        trunk_pitch=0.0706,
-        trunk_swing=0.2214,
-        trunk_x_offset=0.0124,
-        trunk_roll=0.0533,
-        capture=1.0,  # by measurements, as `wait`: results/STUDIES.md, kicks
-        wait=10.0,
+    "mujoco": WalkParameters(  # all found by `python tests/studies/walk.py --tune --mujoco`
+        half_ticks=30,
+        double_support=0.0097,
+        foot_distance=0.1641,
+        foot_rise=0.0414,
+        trunk_height=0.3755,
+        trunk_phase=-0.0965,
+        trunk_pitch=0.0593,
+        trunk_swing=0.2102,
+        trunk_x_offset=0.0229,
+        trunk_roll=0.0574,
+        reflex=0.0557,
+        capture=0.8281,
+        usual_lean=0.0271,
+        fade=0.0306,
+        wait=11.9913,
     ),
 }
 

@@ -25,12 +25,18 @@ HORIZON = 25  # double steps that are rolled out
 
 @dataclass(frozen=True)
 class Settings:
-    """Tuned in 3-D by `tests/studies/baseline.py --only expert`, 2026-11-27."""
+    """How bold the planner is."""
 
-    top: tuple = (0.8025, 0.5049, 0.7976)  # largest command, share of the limits: x, y, turn
-    change: tuple = (0.8658, 0.7436, 0.7063)  # its largest change in a double step, also a share
-    together: float = 1.5262  # largest sum of the three shares
-    gain: float = 0.8886  # share of the distance that is left, near the goal
+    top: tuple  # largest command, share of the limits: x, y, turn
+    change: tuple  # its largest change in a double step, also a share
+    together: float  # largest sum of the three shares
+    gain: float  # share of the distance that is left, near the goal
+
+
+TUNED = {  # by `python tests/studies/baseline.py --only expert`, 2026-11-27
+    "pymunk": Settings((0.8025, 0.5049, 0.7976), (0.8658, 0.7436, 0.7063), 1.5262, 0.8886),
+    "mujoco": Settings((0.8025, 0.5049, 0.7976), (0.8658, 0.7436, 0.7063), 1.5262, 0.8886),
+}
 
 
 def law(rest, last, facing, limits, settings):
@@ -68,20 +74,25 @@ def footsteps(command, limits):
 class Planner:
     """See above; it remembers its last command."""
 
-    def __init__(self, settings=Settings()):
-        self.settings = settings
+    def __init__(self, settings=None):
+        self.settings = settings  # None: those in TUNED for these limits, else those of 3-D
 
     def reset(self, num_robots):
         self.last = np.zeros((num_robots, 3))
 
     def act(self, view):
+        settings = self.settings
+        for sim, limits in env.LIMITS.items():
+            if settings is None and view.limits == limits:
+                settings = TUNED[sim]
+        settings = settings or TUNED["mujoco"]
         step = env.to_footsteps(view.actions[:, 0], view.limits)[:, 1] * [1, -1, -1]
         rest, last = robot_model.relative(step / 2, view.goal), self.last[view.robots]
         soonest, chosen = np.full(len(last), np.inf), last
         for facing in FACING:
             goal, command, first, time = rest, last, None, 0.0
             for _ in range(HORIZON):
-                command = law(goal, command, facing, view.limits, self.settings)
+                command = law(goal, command, facing, view.limits, settings)
                 first = command if first is None else first
                 # Time until it is near, and a fraction of a double step for what is left then.
                 left = np.hypot(goal[:, 0], goal[:, 1]) / 0.15 + np.abs(env.wrap(goal[:, 2])) / 0.5
