@@ -9,6 +9,7 @@ NAME.md and NAME.png. A part is written as soon as it is finished; --only measur
 """
 
 import argparse
+import itertools
 import json
 import re
 import sys
@@ -39,6 +40,7 @@ BEFORE = {  # studies in results/<sim>/studies that were not made with the stage
     "pymunk": ["ablations", "baseline", "peers", "walk"],
     "mujoco": ["baseline", "cluster", "kicks", "obstacles", "seeds", "transfer", "walk"],
 }
+CANDIDATES = 12  # in a generation of a search
 PER_SET = 500  # robots of a world, so goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
 
@@ -340,13 +342,13 @@ def cross_entropy(costs, mean, spread, sizes, rng, low=-np.inf, high=np.inf, sta
     return mean
 
 
-def cma_es(costs, mean, spread, generations, population, rng, low, high):
+def cma_es(costs, mean, spread, population, rng, low=-np.inf, high=np.inf):
     """Covariance matrix adaptation (N. Hansen: The CMA Evolution Strategy: A Tutorial, 2016, arXiv
     1604.00772): draws candidates from a normal distribution, and moves it to the best half of them.
 
-    costs(generation, drawn [population, n]) -> [population] is to be made small. mean, spread, low,
-    high [n]: where the search begins, the first standard deviations, the limits. Returns the last
-    mean [n]. Names and constants are those of the tutorial.
+    costs(generation, drawn [population, n]) -> [population] is to be made small; None ends the
+    search. mean, spread, low, high [n]: where it begins, the first standard deviations, the limits.
+    Returns the last mean [n]. Names and constants are those of the tutorial.
     """
     n, mean = len(mean), np.array(mean, float)
     weights = np.log((population + 1) / 2) - np.log(np.arange(1, population // 2 + 1))
@@ -359,12 +361,15 @@ def cma_es(costs, mean, spread, generations, population, rng, low, high):
     c_mu = min(1 - c_1, 2 * (mu_eff - 2 + 1 / mu_eff) / ((n + 2) ** 2 + mu_eff))
     chi = n**0.5 * (1 - 1 / (4 * n) + 1 / (21 * n**2))  # E‖N(0, I)‖
     sigma, C, p_s, p_c = 1.0, np.eye(n), np.zeros(n), np.zeros(n)
-    for generation in range(generations):
+    for generation in itertools.count():
         values, B = np.linalg.eigh(C)  # C = B·D²·Bᵀ
         D = np.sqrt(np.maximum(values, 1e-12))
         drawn = mean + sigma * spread * (rng.normal(size=(population, n)) * D @ B.T)
         drawn = np.clip(drawn, low, high)
-        best = drawn[np.argsort(costs(generation, drawn))[: len(weights)]]
+        found = costs(generation, drawn)
+        if found is None:
+            return mean
+        best = drawn[np.argsort(found)[: len(weights)]]
         steps = (best - mean) / (sigma * spread)  # in units of the first spread
         step = weights @ steps
         mean = mean + sigma * spread * step
@@ -375,7 +380,43 @@ def cma_es(costs, mean, spread, generations, population, rng, low, high):
         p_c = (1 - c_c) * p_c + (length < usual) * (c_c * (2 - c_c) * mu_eff) ** 0.5 * step
         C = (1 - c_1 - c_mu) * C + c_1 * np.outer(p_c, p_c) + c_mu * (weights * steps.T) @ steps
         sigma *= np.exp(c_s / d_s * (length / chi - 1))
-    return mean
+
+
+def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
+    """A search by `cma_es`, until its candidates have taken so many double steps.
+
+    walked(x [n], trial) -> as `evaluate`; cost(that) -> the number to be made small. In a generation
+    all candidates walk in the same worlds, those of a number `trial`; in the next one in others.
+    Returns the last mean [n], and a row for each generation.
+    """
+    rows = []
+
+    def costs(generation, drawn):
+        taken = rows[-1]["steps"] if rows else 0
+        if taken >= budget:
+            return None
+        ends = [walked(x, 1000 * (1 + seed) + generation) for x in tqdm(drawn, leave=False)]
+        found = [cost(ended) for ended in ends]
+        falls = sum(int(fell(ended).sum()) for ended in ends)
+        taken += sum(int(ended["steps"].sum()) for ended in ends)
+        row = {"restart": seed, "steps": taken, "mean": float(np.mean(found))}
+        rows.append(row | {"best": float(min(found)), "falls": falls})
+        print(*(f"{name} {value:,.6g}" for name, value in rows[-1].items()), flush=True)
+        return found
+
+    return cma_es(costs, mean, spread, CANDIDATES, np.random.default_rng(seed), low, high), rows
+
+
+def calm_and_pushed(planner, worlds, trial):
+    """Lets robots walk in all these worlds, half of them to near and half to far goals of this number
+    of the tuning stream. Returns what `evaluate` does, of all together."""
+    parts = []
+    for one in worlds:
+        half = len(one.goal) // 2
+        goals = [evaluate.draw_trials(trial, half, far, "tuning").goals for far in STD]
+        trials = evaluate.Trials(np.concatenate(goals), trial, "tuning")
+        parts.append(evaluate.evaluate(planner, one, trials))
+    return together(parts)
 
 
 def said(name):

@@ -18,7 +18,6 @@ import baseline
 import common
 import numpy as np
 from common import env, evaluate, robot_model, share, values, walk_engine
-from tqdm import tqdm
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -219,9 +218,8 @@ SEARCH = {  # tuned parameters and their ranges, of our robot; our choice
 }
 # In 2-D these stay as they are.
 ONLY_3D = "foot_distance", "trunk_roll", "capture", "usual_lean", "fade", "wait"
-RESTARTS, GENERATIONS, CANDIDATES = 3, 18, 12  # each restart: about 120,000 double steps
+RESTARTS, BUDGET = 3, 125_000  # searches, and the double steps of each
 WALKS = 12  # of each candidate to near and as many to far goals, and all of them again with pushes
-PUSH = 0.4  # [m/s]
 FRESH = 1000  # walks of each of these four kinds, that compare what the search has found
 LENGTHS = "foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"
 
@@ -233,17 +231,15 @@ def sway(parameters, robot):
     return 1 - 1 / np.cosh(omega * step / 2)
 
 
-def walked(world, parameters, seed, count=WALKS):
+def walked(world, parameters, trial, count=WALKS):
     """What `evaluate` returns, for `baseline_tuned` with this walk, to `count` near and far goals each,
     calm and pushed."""
     planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[world.sim])
-    goals = [evaluate.draw_trials(seed, count, far, "tuning").goals for far in (False, True)]
-    trials, parts = evaluate.Trials(np.concatenate(goals), seed, "tuning"), []
-    for push in (0.0, PUSH):
-        own = {"noise": True, "push": push, "walk": parameters, "limits": world.limits}
-        own = env.FootstepWorld(2 * count, world.sim, robot=world.engine.robot, **own)
-        parts.append(evaluate.evaluate(planner, own, trials))
-    return common.together(parts)
+    own = {"walk": parameters, "limits": world.limits, "robot": world.engine.robot}
+    worlds = [
+        env.FootstepWorld(2 * count, world.sim, True, push, **own) for push in (0.0, baseline.PUSH)
+    ]
+    return common.calm_and_pushed(planner, worlds, trial)
 
 
 def points(ended):
@@ -252,8 +248,8 @@ def points(ended):
 
 
 def tune(world, seed):
-    """A search from the walk of this world on, see `common.cma_es`. Returns WalkParameters. The trunk
-    sways as much more or less as the pendulum does. ([5] used a tree-structured Parzen estimator.)
+    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and what
+    the search returns. The trunk sways as much more or less as the pendulum does. ([5] used a tree-structured Parzen estimator.)
     """
     start, robot = world.engine.parameters, world.engine.robot
     names = [name for name in SEARCH if world.sim == "mujoco" or name not in ONLY_3D]
@@ -269,19 +265,11 @@ def tune(world, seed):
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
         return replace(new, trunk_swing=round(float(share), 4))
 
-    def costs(generation, drawn):
-        # In one generation all candidates walk in the same worlds, in the next one in others.
-        trial = 1000 + 100 * seed + generation
-        found = [walked(world, changed(x), trial) for x in tqdm(drawn, leave=False)]
-        values = np.array([points(ended) for ended in found])
-        falls = sum(int(common.fell(ended).sum()) for ended in found)
-        steps = sum(int(ended["steps"].sum()) for ended in found)
-        told = f"points: mean {values.mean():.2f}, best {values.min():.2f}"
-        print(f"{generation:3d}  {told}; {falls} falls in {steps:,} double steps", flush=True)
-        return values
+    def walk(x, trial):
+        return walked(world, changed(x), trial)
 
-    sizes, rng = (GENERATIONS, CANDIDATES), np.random.default_rng(seed)
-    return changed(common.cma_es(costs, mean, (high - low) / 8, *sizes, rng, low, high))
+    x, curve = common.search(walk, points, mean, (high - low) / 8, BUDGET, seed, low, high)
+    return changed(x), curve
 
 
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
@@ -390,7 +378,7 @@ def main(argv=None):
         args.friction = None
         world = evaluate.make_world(args, 1)
         found = [world.engine.parameters]
-        found += [tune(world, args.seed + restart) for restart in range(RESTARTS)]
+        found += [tune(world, args.seed + restart)[0] for restart in range(RESTARTS)]
         for parameters in found:  # the first one is the walk so far, on trials of their own
             ended = walked(world, parameters, 1, FRESH)
             falls = int(common.fell(ended).sum())

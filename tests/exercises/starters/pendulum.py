@@ -1,17 +1,19 @@
 """PPO without a robot: the learner of stage 4 swings up a pendulum and holds it.
 
     python tests/exercises/starters/pendulum.py [--steps N] [--seed S] [--out DIR] [--resume]
+    python tests/exercises/starters/pendulum.py --stages exercises/lesson8    with your own stage 4
 
 Pendulum-v1 of Gymnasium: a rod hangs on a motor that is too weak to lift it at once. An action is
 the motor's torque. Every step costs: most where the rod hangs, nearly nothing where it stands. An
 episode is cut off after 200 steps, and nothing ends it before, so the critic has to bootstrap.
 
 Writes policy.pt, learning_curve.csv and learning_curve.png to runs/Pendulum-v1/. Rewards and
-returns are a tenth of Pendulum's own (see `gym_envs`): in 150,000 steps (25 seconds) the return
-rises from −125 to about −16.
+returns are a tenth of Pendulum's own (see `gym_envs`). In the picture your return is the black
+line. The others are those of `tests/studies/ladder.py`: five learners, each without another part.
 """
 
 import argparse
+import json
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -19,10 +21,21 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 
-sys.path.append(str(Path(__file__).resolve().parents[3]))  # where the stages are
+ROOT = Path(__file__).resolve().parents[3]
+parser = argparse.ArgumentParser(
+    description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+)
+parser.add_argument("--stages", type=Path, default=ROOT, help="the folder of your own 04_ppo.py")
+parser.add_argument("--steps", type=int, default=60_000)
+parser.add_argument("--seed", type=int, default=0)
+parser.add_argument("--out", type=Path)
+parser.add_argument("--resume", action="store_true")
+stages = parser.parse_args().stages if __name__ == "__main__" else ROOT
+sys.path[:0] = [str(stages), str(ROOT)]
 robot_model, ppo = import_module("01_robot_model"), import_module("04_ppo")
 TASK = "Pendulum-v1"  # or another one whose actions are a bounded Box [n]
 CONFIG = ppo.PPOConfig(num_envs=16, rollout=128, minibatch=256)  # our choice
+LEARNERS = ROOT / "results" / "pymunk" / "studies" / "ladder.json"
 
 
 def gym_envs(num_envs):
@@ -38,25 +51,41 @@ def gym_envs(num_envs):
     return gym.make_vec(TASK, num_envs, "sync", {"autoreset_mode": "SameStep"}, (adapted,))
 
 
+def draw_learners(axes, rows):
+    """Draws the mean return of each learner over its seeds, with its 95 % interval; rows: trainings,
+    dicts of learner, steps [U], return [U]."""
+    axes.set_prop_cycle(
+        color=[f"tab:{name}" for name in ("green", "red", "purple", "brown", "gray")]
+    )
+    for name in dict.fromkeys(row["learner"] for row in rows):
+        own = [row for row in rows if row["learner"] == name]
+        returns = np.array([row["return"] for row in own])  # [seeds, U]
+        mean = returns.mean(0)
+        # Student's t for five seeds
+        half = 2.776 * returns.std(0, ddof=1) / len(own) ** 0.5
+        steps = np.array(own[0]["steps"]) / 1000
+        (line,) = axes.plot(steps, mean, label=name)
+        axes.fill_between(steps, mean - half, mean + half, color=line.get_color(), alpha=0.2, lw=0)
+    axes.set(xlabel="steps [thousands]", ylabel="return of an episode [1]", ylim=(-165, 0))
+
+
 def plot(rows, path):
     """Draws four columns of the log. (Only in every second update or so does an episode end.)"""
-    figure = robot_model.Figure(figsize=(13, 3.2))
-    columns = "return", "entropy", "clip_fraction", "explained_variance"
-    for axes, name in zip(figure.subplots(1, 4), columns):
+    figure = robot_model.Figure(figsize=(9, 8))
+    panels = figure.subplot_mosaic(
+        [["return"] * 3, ["entropy", "clip_fraction", "explained_variance"]]
+    )
+    if TASK == "Pendulum-v1":
+        draw_learners(panels["return"], json.loads(LEARNERS.read_text("utf-8"))["pendulum"]["rows"])
+    for name, axes in panels.items():
         known = [(row["steps"] / 1000, row[name]) for row in rows if np.isfinite(row[name])]
-        axes.plot(*np.transpose(known), ".-")
+        axes.plot(*np.transpose(known), "k.-", label="yours")
         axes.set(title=name.replace("_", " "), xlabel="steps [thousands]")
+    panels["return"].legend(loc="upper left")
     robot_model.save_figure(figure, path)
 
 
 def main(argv=None):
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--steps", type=int, default=150_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--resume", action="store_true")
     parser.set_defaults(sim=TASK)
     args = parser.parse_args(argv)
     if args.steps < 1:
