@@ -775,15 +775,23 @@ def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
     assert world.sim == ("mujoco" if "--mujoco" in arguments else "pymunk")
 
 
-def test_the_pendulum_of_the_course_is_another_task_for_the_same_learner():
+def test_the_pendulum_of_the_course_is_another_task_for_the_same_learner(monkeypatch):
     pendulum = import_module("starters.pendulum")
     envs = pendulum.gym_envs(2)
     assert envs.single_action_space == gym.spaces.Box(0, 1, (1,)), "as shares"
     envs.reset(seed=0)
     _, reward, *_ = envs.step(np.full((2, 1), 0.5))
     assert ((reward > -1.7) & (reward < 0)).all(), "a tenth of Pendulum's rewards"
+    shown, save = [], ppo.robot_model.save_figure
+    monkeypatch.setattr(
+        ppo.robot_model, "save_figure", lambda *args: shown.append(args[0]) or save(*args)
+    )
     pendulum.main(["--steps", "2049", "--out", "."])
     assert contents().keys() == {"policy.pt", "learning_curve.csv", "learning_curve.png"}
+    _, labels = shown[0].axes[0].get_legend_handles_labels()
+    assert labels[0] == "complete" and labels[-1] == "yours" and len(labels) == 6, (
+        "over five others"
+    )
     assert ppo.load_policy(HERE / "policy.pt")[1]["steps"] == 2 * 16 * 128
 
 

@@ -103,6 +103,16 @@ def main_of(script, monkeypatch, *arguments):
 
 
 @pytest.mark.slow
+def test_the_pendulum_learns_with_a_student_s_own_stage(tmp_path):
+    (tmp_path / "04_ppo.py").write_text("raise SystemExit('of mine')")
+    pendulum = ROOT / "tests" / "exercises" / "starters" / "pendulum.py"
+    assert "of mine" in python(pendulum, "--stages", tmp_path).stderr, (
+        "it runs the stage of the root"
+    )
+    assert "--steps" in python(pendulum, "--help").stdout
+
+
+@pytest.mark.slow
 def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     """04 in this process, with few robots and short episodes; 05 on all cores in another one."""
     monkeypatch.chdir(tmp_path)

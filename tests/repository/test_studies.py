@@ -260,11 +260,13 @@ def test_an_evolution_strategy_learns_along_which_valley_to_go():
     optimum = np.full(6, 0.6)
 
     def costs(generation, drawn):
+        if generation == 200:
+            return None
         seen.append(drawn)
         return (((drawn - optimum) @ turn * [100, 1, 1, 1, 1, 1]) ** 2).sum(1)
 
     start, spread = np.full(6, 0.4), np.full(6, 0.1)
-    found = common.cma_es(costs, start, spread, 200, 12, rng, np.zeros(6), np.ones(6))
+    found = common.cma_es(costs, start, spread, 12, rng, np.zeros(6), np.ones(6))
     close(found, optimum, "with its covariance it should come down the valley", atol=1e-3)
     assert np.shape(seen) == (200, 12, 6) and 0 <= np.min(seen) and np.max(seen) <= 1
     first, last = (np.std(drawn @ turn, 0) for drawn in (seen[0], seen[60]))
@@ -287,8 +289,11 @@ def test_a_search_of_the_walk_draws_walks_and_begins_with_the_one_in_use(monkeyp
 
     monkeypatch.setattr(walk, "walked", walked)
     close(walk.points(walked(world, now, 0)), 4 + 200 / 4 + 100 / 4, "time of successes, prices")
-    monkeypatch.setattr(walk, "GENERATIONS", 2)
-    found = walk.tune(world, 0)
+    monkeypatch.setattr(walk, "BUDGET", 100)
+    found, curve = walk.tune(world, 0)
+    taken = [row["steps"] for row in curve]
+    assert taken == [72, 144], "it ends when so many double steps are taken: 12 candidates, 6 each"
+    assert curve[0]["falls"] == 12 and curve[0]["restart"] == 0
     ticks = {parameters.half_ticks for parameters in (*seen, found)}
     assert len(ticks) > 1 and ticks <= {27, 28, 29, 30, 31}, f"the range of SEARCH: {ticks}"
     assert type(found.trunk_swing) is float, "a line for TUNED shows plain numbers"
