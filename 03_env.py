@@ -32,7 +32,7 @@ Floor and body are random in every episode (`Spread`: domain randomization). The
 you ask for it. An estimate of the goal combines all noisy measurements so far, in the same way for
 every planner (`predict`, `correct`). Who knows what:
 
-    policy, critic      the estimate of the goal, the last two actions: OBSERVATION
+    policy, critic      the estimate of the goal, the last action: OBSERVATION
     another planner     the same, the goal unclipped, the step limits and period: `View`
     estimate            noisy measurements of the goal, and the planned motion of a double step
     robot's computer    the planned double step; tilt and turning rates of the torso, with errors
@@ -105,7 +105,7 @@ LIMITS = {
 # encoding is ours). "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster
 # than d. Of a goal beyond 2 m (7 % in training) a policy sees little but the direction and the yaw.
 # What a double step does also depends on how the body moves when it begins. No planner sees that;
-# the last two actions stand in for it.
+# the last action stands in for it.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -114,7 +114,6 @@ OBSERVATION = [
     *((name, "1", -1.0, 1.0) for name in ("cos β", "sin β", "cos α", "sin α")),
     ("α / π", "π rad", -1.0, 1.0),
     *((f"{name}, last action", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
-    *((f"{name}, action before", "low … high limit", -1.0, 1.0) for name in ACTION_NAMES),
 ]
 
 
@@ -124,8 +123,8 @@ class View:
 
     robots: np.ndarray  # [n] their indices: a planner with a memory has a row of it for each
     goal: np.ndarray  # [n, 3] x, y [m], yaw [rad] seen from the robot: the estimate
-    observation: np.ndarray  # [n, 20] rows as in OBSERVATION
-    actions: np.ndarray  # [n, 2, 6] the last one, the one before
+    observation: np.ndarray  # [n, 14] rows as in OBSERVATION
+    last_action: np.ndarray  # [n, 6]
     period: float  # [s] of a usual double step, which does not wait
     limits: StepLimits
     neutral_action: np.ndarray  # [6] step on the spot
@@ -368,7 +367,7 @@ class FootstepWorld:
         self.goal = np.zeros((num_robots, 3))  # x, y [m], yaw [rad] in the world
         self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
         self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
-        self.actions = np.zeros((num_robots, 2, 6))  # the last one, the one before
+        self.last_action = np.zeros((num_robots, 6))
         # Of this episode: double steps, control ticks; how many double steps in a row have ended at
         # the goal, and the tick when the first of them did  [N] each
         self.steps, self.ticks, self.in_a_row, self.arrival = np.zeros((4, num_robots), int)
@@ -392,7 +391,7 @@ class FootstepWorld:
         body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
         self.simulator.reset(robots, body)
         self.engine.reset(robots)
-        self.actions[robots] = self.neutral_action
+        self.last_action[robots] = self.neutral_action
         self.steps[robots] = self.ticks[robots] = 0
         self.set_goal(robots, goals)
 
@@ -428,11 +427,11 @@ class FootstepWorld:
 
     def view(self, robots):
         """The View of these robots."""
-        goal, actions = self.estimate[robots], self.actions[robots]
-        seen = np.hstack([encode_goal(goal), 2 * actions.reshape(-1, 12) - 1])  # [0, 1] to [−1, 1]
+        goal, last_action = self.estimate[robots], self.last_action[robots]
+        seen = np.hstack([encode_goal(goal), 2 * last_action - 1])  # [0, 1] to [−1, 1]
         seen, neutral = seen.astype(np.float32), self.neutral_action.copy()
         period, limits = self.engine.period, self.limits
-        return View(np.array(robots), goal, seen, actions, period, limits, neutral)
+        return View(np.array(robots), goal, seen, last_action, period, limits, neutral)
 
     def _disturbance(self, plan, robots):
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
@@ -462,7 +461,7 @@ class FootstepWorld:
         task, robot = self.task, self.engine.robot
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         before = self.relative_goal(robots)
-        last = self.actions[robots, 0]
+        last = self.last_action[robots]
         footsteps = to_footsteps(actions, self.limits)  # [n, 2, 3]
         plan = self.engine.plan(footsteps, robots)
         trunk = plan.trunk[..., robot_model.GROUND]  # [n, T + 1, 3]
@@ -475,7 +474,7 @@ class FootstepWorld:
         disturbance.push[:, : walk_engine.PUSH_TICKS] += force
         motion = self.simulator.run(robots, plan, disturbance)
         fall = motion.fell
-        self.actions[robots] = np.stack([actions, last], 1)
+        self.last_action[robots] = actions
         self.steps[robots] += 1
         self.ticks[robots] += motion.ticks
         ended = self.ticks[robots]
@@ -549,7 +548,7 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def __init__(self, num_envs=64, sim="pymunk", **settings):  # of FootstepWorld: noise, push, …
         self.num_envs = num_envs
-        bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 20]
+        bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 14]
         self.single_observation_space = gym.spaces.Box(*bounds)
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)

@@ -310,7 +310,7 @@ class PolicyPlanner:
         self.model = model
 
     def reset(self, num_robots):
-        """Resets nothing: the two previous actions are part of the observation."""
+        """Resets nothing: the last action is part of the observation."""
 
     def act(self, view):
         return self.model.decide(view.observation)
@@ -595,7 +595,7 @@ def pictures(axes, world, planner, feet, push, name, window):
     motion = result["motion"]
     torso, joints = motion.torso[0], motion.joints[0]  # [T, 6], [T, 12]
     feet += [*foot_poses(engine.robot, torso[:1], joints[:1])]
-    steps = env.to_footsteps(world.actions[:1, 0], world.limits)
+    steps = env.to_footsteps(world.last_action[:1], world.limits)
     chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
     for tick in range(0, motion.ticks[0], 8):
         now, goal = torso[tick], world.goal[0]

@@ -28,20 +28,20 @@ WALK = walk_engine.TUNED["pymunk"]
 STEPS = {"capture": 1.0, "wait": 30.0}  # it answers a lean strongly: a double step may take longer
 
 
-def motion(poses, fell=False, waits=0):
+def motion(poses, fell=False, waits=0, usual=2 * WALK.half_ticks):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says. It takes
-    so many ticks more than usual."""
+    so many ticks more than the usual ones."""
     n = len(poses)
     torso = np.zeros((n, 1, 6))
     torso[:, 0, robot_model.GROUND] = poses
-    ticks = np.full(n, 2 * WALK.half_ticks + waits)
+    ticks = np.full(n, usual + waits)
     return robot_model.Motion(torso, np.zeros((n, 1, 12)), np.full(n, fell), ticks)
 
 
 def follow(world, poses, fell=False, waits=0):
     """From now on its physics does this, whatever is planned: see `motion`. Returns the list of the
     Disturbances that it will be told."""
-    done, told = motion(poses, fell, waits), []
+    done, told = motion(poses, fell, waits, world.engine.period_ticks), []
 
     def run(robots, plan, disturbance):
         told.append(disturbance)
@@ -143,13 +143,13 @@ def test_many_goals_are_encoded_each_by_itself(shape):
     close(encoded.reshape(-1, 8), alone, f"goals of {shape} must not mix")
 
 
-def test_the_last_two_actions_are_observed():
+def test_the_last_action_is_observed():
     one = env.FootstepEnv()
     one.reset(seed=0)
     neutral = one.envs.world.neutral_action
     small = neutral + [0.05, 0, 0, 0, 0.02, 0]
-    close(one.step(small)[0][8:], np.r_[small, neutral] * 2 - 1, "newest first")
-    close(one.step(neutral)[0][8:], np.r_[neutral, small] * 2 - 1, "newest first")
+    close(one.step(small)[0][8:], small * 2 - 1, "of this double step")
+    close(one.step(neutral)[0][8:], neutral * 2 - 1, "of this double step")
     for much in (9, -9):  # a list
         seen = one.step([much] * 6)[0][8:14]
         close(seen, np.sign(much), "as it was asked for, clipped to [0, 1]")
@@ -262,7 +262,7 @@ def test_rewards_of_a_real_walk_compare_the_poses_before_and_after(sim):
     world, robots = FootstepWorld(4, sim, noise=True), np.arange(4)
     world.reset(robots, [default_rng(i) for i in robots], goals)
     for _ in range(12):
-        before, last = robot_model.relative(world.pose, goals), world.actions[:, 0].copy()
+        before, last = robot_model.relative(world.pose, goals), world.last_action.copy()
         action = env.hand_written(world.view(robots).goal, world.limits)
         result = world.step(action, robots)
         after = robot_model.relative(world.pose, goals)
@@ -610,7 +610,7 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth():
             shown[:] = 9
     equal(views[0]["robots"], [2, 1])
     close(views[0]["goal"], goals[:2])
-    for values in (world.neutral_action, world.actions, world.estimate):
+    for values in (world.neutral_action, world.last_action, world.estimate):
         assert values.max() <= 1, "a planner wrote into its view: hand out copies"
 
 
@@ -621,7 +621,7 @@ def test_a_view_is_only_a_question_and_a_double_step_measures_once():
         view, again = world.view(robots), world.view(robots)
         np.testing.assert_equal(vars(again), vars(view), "the same answer")
         equal(view.goal, world.estimate)
-        equal(view.actions, world.actions)
+        equal(view.last_action, world.last_action)
         close(view.observation[:, :8], env.encode_goal(view.goal), atol=1e-6)
         # On the plane a turn is exact: the variance of n equal measurements is that of one / n.
         close(world.covariance[:, 2, 2], TASK.noise_rad**2 / count, "a reset measures, too")

@@ -421,7 +421,7 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         equal(found[key], want, f"{key}: {hint}; of {[*ENDINGS]}")
     close(found["time"] / noisy.engine.period, timed, "of a success: to the first of two")
     equal(count, steps + more, "only successes walk on, twice; who fell meanwhile does not")
-    in_place = (noisy.actions[: len(poses), 0] == noisy.neutral_action).all(1)
+    in_place = (noisy.last_action[: len(poses)] == noisy.neutral_action).all(1)
     equal(in_place, outcome == "success", "no planner is asked: in place")
     assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 

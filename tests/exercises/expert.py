@@ -86,7 +86,7 @@ class Planner:
             if settings is None and view.limits == limits:
                 settings = TUNED[sim]
         settings = settings or TUNED["mujoco"]
-        step = env.to_footsteps(view.actions[:, 0], view.limits)[:, 1] * [1, -1, -1]
+        step = env.to_footsteps(view.last_action, view.limits)[:, 1] * [1, -1, -1]
         rest, last = robot_model.relative(step / 2, view.goal), self.last[view.robots]
         soonest, chosen = np.full(len(last), np.inf), last
         for facing in FACING:

@@ -136,7 +136,7 @@ class Planner:
         pose[:, :2] /= np.maximum(1, np.abs(pose[:, :2]).max(-1, keepdims=True) / edge)
         left = look_up(value, robot_model.compose(pose[:, None], moves))  # [n, A]
         # An action that differs too much from the last one costs more than any path: a last resort.
-        change = np.abs(view.actions[:, :1] - actions).max(-1)  # [n, A]
+        change = np.abs(view.last_action[:, None] - actions).max(-1)  # [n, A]
         left = left + 100 * np.maximum(0, change - largest_change)
         return actions[left.argmin(1)]
 
