@@ -424,6 +424,26 @@ def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypa
         close(width, 2 * 1.96 * (0.1 * 0.9 / 400) ** 0.5, "± 1.96·√(p·(1 − p)/400)", rtol=0.1)
 
 
+def test_an_interval_over_trainings_is_wider_than_one_over_goals():
+    """Two trainings, of 0.8 and of 1.0 times the time, on all goals: which of them is shipped?"""
+    rng = default_rng(0)
+
+    def walks(time, outcome="success"):
+        return {"outcome": np.broadcast_to(outcome, time.shape), "time": time}
+
+    theirs = rng.uniform(3, 9, 400)
+    ours = [walks(0.8 * theirs), walks(theirs)]
+    found = seeds.over_trainings(ours, walks(theirs))
+    close(found["ratio"], 0.9)
+    close(found["ratio_ci95"], [0.8, 1.0], "each training alone may have been made", atol=1e-6)
+    chance = walks(theirs + rng.normal(0, 1, 400))
+    low, high = seeds.over_trainings([chance] * 2, walks(theirs))["ratio_ci95"]
+    width = 2 * 1.96 / (theirs.mean() * 400**0.5)
+    close(high - low, width, "of one training the goals are left", rtol=0.2)
+    fell = walks(np.full(400, 99.0), np.where(theirs < 6, "fall", "success"))
+    close(seeds.over_trainings([fell], walks(theirs))["ratio"], 99 / theirs[theirs >= 6].mean())
+
+
 @pytest.mark.slow
 def test_one_update_of_stable_baselines3_is_ours():
     pytest.importorskip("stable_baselines3", reason="only the study `peers` needs it")
