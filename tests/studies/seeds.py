@@ -34,8 +34,10 @@ EXACT = "policy, without noise"
 def over_trainings(ours, theirs):
     """The mean time of several policies over that of another planner, and its 95 % interval if both
     goals and trainings are resampled. theirs: as `evaluate` returns; ours: a list of such."""
-    both = [(one["outcome"] == "success") & (theirs["outcome"] == "success") for one in ours]
-    time = np.stack([both * [one["time"] for one in ours], both * theirs["time"]])  # [2, S, n]
+    arrived = np.stack([one["outcome"] == "success" for one in (theirs, *ours)])  # [1 + S, n]
+    times = np.stack([one["time"] for one in (theirs, *ours)])
+    both = arrived[:1] & arrived[1:]  # [S, n]
+    time = np.stack([both * times[1:], both * times[:1]])  # [2, S, n]
     rng, (_, policies, goals) = np.random.default_rng(0), time.shape
     # How often a policy, and a goal, is in each of 2,000 choices with replacement
     policy, goal = (rng.multinomial(k, np.full(k, 1 / k), 2000) for k in (policies, goals))
