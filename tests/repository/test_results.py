@@ -164,19 +164,20 @@ def test_every_shipped_policy_fits_and_its_page_is_right(path, capsys):
         assert words in " ".join(TEXTS[f"results/{sim}/README.md"].split()), words
 
 
-@pytest.mark.parametrize(
-    "sim, part", [("mujoco", "baseline_tuned"), ("mujoco", "expert"), ("pymunk", "baseline_tuned")]
-)
-def test_the_opponents_were_tuned_by_a_rule(sim, part, monkeypatch):
-    """The study says by which, and what else was tried; test_studies has the rule."""
-    if "baseline" in common.BEFORE[sim]:
-        pytest.skip("common.BEFORE: the rule has chosen for the robot before")
+@BOTH
+@pytest.mark.parametrize("part", ["baseline_tuned", "expert"])
+def test_the_opponents_were_tuned_in_this_world_with_the_policy_s_budget(sim, part, monkeypatch):
+    """The study says by which rule; test_studies has the rule."""
     found = shipped(sim, "studies/baseline.json")[part]
+    world = common.ppo.fingerprint(common.world(sim, num_robots=1))
+    assert found["fits"] == world, "the world has changed: search for its opponents again, too"
     (chosen,) = common.pick(found["finalists"], chosen=True)
     monkeypatch.setattr(baseline, "searched", lambda args, planner_of, now: now)
     assert chosen["settings"] == baseline.PARTS[part](Namespace(sim=sim)), "others are in use"
     assert evaluate.TUNED_BASELINE[sim].share
-    assert found["trials"] >= 2000 and len(found["tried"]) >= 100
+    assert found["trials"] >= 2000
+    steps = [common.values(found["curve"], "steps", restart=k)[-1] for k in range(3)]
+    assert min(steps) >= evaluate.ppo.STEPS, "each search takes as many steps as a training"
     assert ("none" in found["rule"]) == (not baseline.keeps(chosen))
     assert (RESULTS / sim / "search.npz").stat().st_size <= 500_000
 

@@ -236,20 +236,6 @@ def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
     close(slip, 0.019, "19 ticks of drift while the other swings")
 
 
-def test_the_cross_entropy_method_draws_nearer_to_the_best():
-    optimum = np.array([0.3, 0.7])
-    seen = []
-
-    def costs(iteration, drawn):
-        seen.append(drawn)
-        return np.linalg.norm(drawn - optimum, axis=1)
-
-    rng = default_rng(0)
-    found = common.cross_entropy(costs, np.array([0.5, 0.5]), 0.1, (15, 28, 7), rng, 0.0, 1.0)
-    close(found, optimum, atol=0.03)
-    assert np.shape(seen) == (15, 28, 2) and 0 <= np.min(seen) and np.max(seen) <= 1
-
-
 def test_an_evolution_strategy_learns_along_which_valley_to_go():
     """A valley a hundred times as long as wide, in no axis' direction."""
     rng, seen = default_rng(0), []
