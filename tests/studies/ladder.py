@@ -137,8 +137,8 @@ def study_without(args):
 
 
 def tuned_for(world):
-    """Settings of `baseline_tuned` for near goals in this world, from those of the paper on."""
-    start = vars(evaluate.BaselineSettings()).copy()
+    """Settings of `baseline_tuned` for near goals in this world, from those of stage 5 on."""
+    start = vars(evaluate.TUNED_BASELINE[world.sim]).copy()
     del start["share"]
 
     def walked(x, trial):
@@ -148,7 +148,7 @@ def tuned_for(world):
     def cost(ended):
         return baseline.cost(baseline.facts(ended) | {"still_there": 1.0})
 
-    x, _ = common.search(walked, cost, np.log([*start.values()]), 0.3, STEPS[world.sim], 0)
+    x, _ = common.search(walked, cost, np.log([*start.values()]), 0.2, STEPS[world.sim], 0)
     return np.exp(x)
 
 
