@@ -189,8 +189,12 @@ def table(found):
 
 
 def plot(found, sim):
-    """Draws time over falls, without pushes and with them: what speed costs."""
-    figure, axes = common.subplots(1, 2, figsize=(10, 4.2), sharey=True)
+    """Draws time over falls, without pushes and with them: what speed costs. Below: the searches."""
+    figure, (axes, below) = common.subplots(2, 2, figsize=(9, 8), sharey="row")
+    for axis, part in zip(below, ("baseline_tuned", "expert")):
+        if part in found:
+            common.draw_search(axis, found[part]["curve"])
+        axis.set_title(f"search for {part}")
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
     for axis, (key, title), most in zip(axes, titles.items(), (MAX_FALLS, MAX_PUSHED)):
         axis.axvline(100 * most, color="0.5", ls="--", label="the rule allows so many")

@@ -388,6 +388,16 @@ def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
     return cma_es(costs, mean, spread, CANDIDATES, np.random.default_rng(seed), low, high), rows
 
 
+def draw_search(axes, curve):
+    """Draws the mean points of the candidates of every generation, a line for each restart."""
+    for restart in dict.fromkeys(values(curve, "restart")):
+        own = pick(curve, restart=restart)
+        steps = np.array(values(own, "steps")) / 1000
+        axes.plot(steps, values(own, "mean"), ".-", label=f"search {restart + 1}")
+    axes.set(xlabel="double steps [thousands]", ylabel="points, mean of a generation [s]")
+    axes.legend()
+
+
 def calm_and_pushed(planner, worlds, trial):
     """Lets robots walk in all these worlds, half of them to near and half to far goals of this number
     of the tuning stream. Returns what `evaluate` does, of all together."""

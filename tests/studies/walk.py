@@ -6,7 +6,7 @@
     python tests/studies/walk.py --robot FILE.py    such searches for another robot, from its WALK on
 
 (each with `--mujoco` in 3-D.) All robots have random bodies, and an IMU with errors. Every cell of a
-map is eight walks. The searches print lines for TUNED, or for WALK of the file; they write no file.
+map is eight walks. The searches print lines for TUNED, or for WALK of the file.
 """
 
 from dataclasses import replace
@@ -331,15 +331,52 @@ def study_limits(args):
     return found | {key: measured[key] for key in ("stood", "clearance", "slip")}
 
 
-PARTS = {"limits": study_limits}
+def study_tune(args):
+    """The searches, and what they and the walk in use get on the same trials of their own."""
+    args.friction = None
+    world = evaluate.make_world(args, 1)
+    ends, curve, rows = [world.engine.parameters], [], []
+    for restart in range(RESTARTS):
+        parameters, more = tune(world, args.seed + restart)
+        ends.append(parameters)
+        curve += more
+    for k, parameters in enumerate(ends):
+        ended = walked(world, parameters, 1, FRESH)
+        row = {
+            "search": k or "none",
+            "points": points(ended),
+            "falls": int(common.fell(ended).sum()),
+        }
+        print(f"{row['points']:.2f} points, {row['falls']} falls of {4 * FRESH:,}: {parameters}")
+        rows.append(row | vars(parameters))
+    if not args.robot:
+        robot_model.save_figure(plot_tune(curve), args.out / "walk.tune.png")
+    return {"rows": rows, "curve": curve}
+
+
+def plot_tune(curve):
+    """What the searches for the walk find."""
+    figure, axes = common.subplots(figsize=(8, 4))
+    common.draw_search(axes, curve)
+    axes.set_title("The walk is searched for: points of baseline_tuned, half of its walks pushed")
+    return figure
+
+
+PARTS = {"limits": study_limits, "tune": study_tune}
 
 
 def table(found):
-    """What --limits has found."""
+    """What --limits and --tune have found."""
+    text = ""
+    if "tune" in found:
+        columns = {"search": 0, "points": 2, "falls": 0} | dict.fromkeys(
+            ["trunk_swing", *SEARCH], 3
+        )
+        text = f"### tune\n\n{common.table(found['tune']['rows'], columns)}\n### limits\n\n"
     found = found["limits"]
     rows = [{"map": title, **found[title]} for title in MAPS]
     clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
-    return (
+    return text + (
         common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
         + "\nRobots that walk a random plan within the limits without a fall: "
         f"{100 * found['stood']:.1f} % of {RANDOM:,}. Clearance of the feet: {clearance:.1f} mm "
@@ -374,15 +411,10 @@ def main(argv=None):
         tune={"action": "store_true", "help": "optimise the walk parameters"},
         robot={"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
     )
-    if args.robot or args.tune:
-        args.friction = None
-        world = evaluate.make_world(args, 1)
-        found = [world.engine.parameters]
-        found += [tune(world, args.seed + restart)[0] for restart in range(RESTARTS)]
-        for parameters in found:  # the first one is the walk so far, on trials of their own
-            ended = walked(world, parameters, 1, FRESH)
-            falls = int(common.fell(ended).sum())
-            print(f"{points(ended):.2f} points, {falls} falls of {4 * FRESH:,}: {parameters}")
+    if args.robot:
+        study_tune(args)
+    elif args.tune:
+        common.publish(study, "tune", args)
     elif args.limits:
         common.publish(study, "limits", args)
     else:
