@@ -15,6 +15,7 @@ import cluster
 import common
 import film
 import kicks
+import ladder
 import mujoco
 import numpy as np
 import peers
@@ -337,6 +338,33 @@ def test_a_plan_that_turns_walks_and_turns_again_by_hand():
 
 
 # ------------------------------------------------------------------------ seeds, peers
+def test_the_ladder_changes_one_thing_a_rung_and_ends_at_this_system():
+    settings = ladder.PAPER
+    for rung, change in ladder.RUNGS.items():
+        assert len(change) == (rung != "the paper's"), f"{rung}: one change"
+        settings = settings | change
+    ours = common.world("mujoco", num_robots=1)
+    own = {name: value for name, value in settings.items() if name != "model"}
+    last = common.world("mujoco", num_robots=1, **own)
+    assert ppo.fingerprint(last) == common.ppo.fingerprint(ours)
+    assert settings["model"] is ppo.ActorCritic
+    first = common.world("mujoco", num_robots=1, **{name: ladder.PAPER[name] for name in own})
+    first.reset([0])
+    first.estimate[:] = 9, 9, 1
+    first.step(first.neutral_action[None], [0])
+    close(first.estimate, first.relative_goal([0]), "only the last measurement counts", atol=0.3)
+
+
+def test_learners_that_lack_a_part():
+    obs = ppo.torch.rand(5, 14)
+    model = ladder.NoCritic(14, 6)
+    close(model.value(obs).detach(), 0)
+    (model.value(obs) - 1).square().mean().backward()  # a training needs it
+    shape = ladder.ShapeActor(14, 6, (64, 64), 0.3, 10.0)
+    close(shape.policy(obs).base_dist.concentration1.detach(), 1 + 0.3 * 8, atol=0.1)
+    close(shape.policy(obs).base_dist.concentration0.detach(), 1 + 0.7 * 8, atol=0.1)
+
+
 def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypatch):
     """Two policies fall in the same 40 of 400 trials: as sure as one of them, not as both."""
     falls = {"expert": np.zeros(400, bool), 0: np.arange(400) < 40, 1: np.arange(400) < 40}
