@@ -9,7 +9,6 @@ from importlib import import_module
 from types import SimpleNamespace
 from unittest import mock
 
-import ablations
 import baseline
 import cluster
 import common
@@ -172,18 +171,6 @@ def test_the_late_tilt_is_that_of_four_ticks_before():
     roll, pitch, rate, _ = np.transpose(told)
     close([roll, rate], [[0, 0, 0, 0, 1, 2], [1, 2, 3, 4, 5, 6]])
     close(pitch, [simulator.standing[0][4]] * 4 + [1, 2], "before the first tick it stood")
-
-
-def test_gaussian_policy_is_a_normal_distribution_around_the_first_action():
-    first = np.array([0.2, 0.5, 0.8])
-    obs = torch.zeros(100, 4)
-    model = ablations.GaussianActor(4, 3, (8, 8), first, 10.0)
-    close(model.decide(obs), np.tile(first, (100, 1)), atol=0.02)
-    std = 11**-0.5 / 2  # of a Beta with mean 0.5 and α + β = 10
-    action = model.sample(obs)
-    z = (action.numpy() - model.decide(obs)) / std  # Σ (−z²/2 − ln(σ·√(2π)))
-    want = (-(z**2) / 2 - np.log(std * np.sqrt(2 * np.pi))).sum(1)
-    close(model.policy(obs).log_prob(action).detach().numpy(), want, atol=1e-4)
 
 
 def test_soles_are_where_mujoco_has_them():

@@ -37,7 +37,7 @@ COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:
 OPEN_LOOP = "baseline, open loop"  # the paper's controller; the walk answers nothing
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # such a walk
 BEFORE = {  # studies in results/<sim>/studies that were not made with the stages as they are
-    "pymunk": ["ablations", "baseline", "peers", "walk"],
+    "pymunk": ["baseline", "peers", "walk"],
     "mujoco": ["baseline", "cluster", "kicks", "seeds", "transfer", "walk"],
 }
 CANDIDATES = 12  # in a generation of a search

@@ -11,7 +11,6 @@ order does not matter.
 
 from dataclasses import replace
 
-import ablations
 import common
 import gymnasium as gym
 import numpy as np
@@ -21,6 +20,22 @@ torch = ppo.torch
 DURATION = "seconds"
 ROBOTS, STEPS, SEEN, ACTS = 64, 16, 20, 6  # shape of the rollout, of observations and actions
 CFG = replace(ppo.PPOConfig(), minibatch=ROBOTS * STEPS)
+
+
+class GaussianActor(ppo.ActorCritic):
+    """A normal distribution, as in the other implementation."""
+
+    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
+        super().__init__(obs_dim, act_dim, hidden)
+        self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
+        self.actor[-1].bias.data.copy_(torch.as_tensor(first_action))
+        # As wide as a Beta with mean 0.5 and concentration c: σ² = 1 / (4·(c + 1))
+        log_std = -0.5 * np.log(4 * (concentration + 1))
+        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std))
+
+    def policy(self, obs):
+        normal = torch.distributions.Normal(self.actor(obs), self.log_std.exp())
+        return torch.distributions.Independent(normal, 1)
 
 
 class Chance(gym.Env):
@@ -72,7 +87,7 @@ def study_exact(args):
         seed=args.seed,
         policy_kwargs={"net_arch": [*CFG.hidden], "activation_fn": torch.nn.Tanh},
     )
-    model = ablations.GaussianActor(SEEN, ACTS, CFG.hidden, 0.5, CFG.first_concentration)
+    model = GaussianActor(SEEN, ACTS, CFG.hidden, 0.5, CFG.first_concentration)
     policy = theirs.policy
     hidden = policy.mlp_extractor
     networks = hidden.policy_net, policy.action_net, hidden.value_net, policy.value_net
