@@ -3,7 +3,7 @@
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
 distances: the policy and its two best opponents, 0 to 6 m from the goal.
-pooled: the policy on evaluation seeds 190 to 199. They were used once, after everything had been
+pooled: README's planners on evaluation seeds 190 to 199. They were used once, after everything had been
 chosen; a new training should take 200 to 209.
 seeds: all trainings and their opponents, on evaluation seed 190. Both parts also push the robot on
 its way to far goals. The trainings must be there, made by
@@ -21,7 +21,7 @@ import common
 import numpy as np
 from common import RESULTS, env, evaluate, fallen, fell, pick, robot_model, share, values
 
-DURATION = "20 minutes on two cores; 3-D: 40"
+DURATION = "40 minutes on two cores; 3-D: 90"
 POOLED_SETS = 10  # of 500 goals
 POOLED_FIRST = 190  # evaluation seed
 KINDS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far goals?, pushes [m/s]
@@ -137,9 +137,11 @@ def study_all(args):
 
 
 def study_pooled(args):
-    """Rows of the shipped policy in many walks."""
+    """Rows of the shipped policy and of README's other planners in many walks."""
+    others = common.opponents(args.sim) | {"baseline": evaluate.BaselinePlanner()}
+    others["search"] = evaluate.load_planner(common.ROOT / "tests" / "studies" / "search.py")
     policy = {None: common.shipped(args.sim)}
-    return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, {})}
+    return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, others)}
 
 
 class Watched(env.FootstepWorld):
@@ -260,6 +262,7 @@ END = {
     "still_there": 3,
     "over_baseline_tuned": 3,
     "over_expert": 3,
+    "over_search": 3,
 }
 
 
