@@ -681,8 +681,9 @@ def arguments(argv):
         0 <= size < 1e3 for size in (args.push or 0, args.friction or 0)
     ):
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
-    own, shipped = (Path(folder, args.sim, "policy.pt") for folder in ("runs", "results"))
-    args.policy = args.policy or [own if own.is_file() else shipped]
+    places = "runs", "results", Path(robot_model.__file__).with_name("results")
+    files = [Path(folder, args.sim, "policy.pt") for folder in places]
+    args.policy = args.policy or [next(filter(Path.is_file, files), files[1])]
     return args
 
 

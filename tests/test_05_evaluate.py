@@ -496,6 +496,8 @@ def refused(*arguments):
 
 
 def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, one_robot):
+    (shipped,) = evaluate.arguments([]).policy
+    assert shipped.is_file(), "the one beside the stages, in whatever folder they are started"
     own = save_untrained(Path("runs/pymunk/policy.pt"))
     assert call("--episodes", 1)["policy"] == [str(own)]
     assert [*short_trials[0][1]] == ["baseline", "baseline_tuned", "policy"], "in the figure"
