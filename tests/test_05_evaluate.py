@@ -432,7 +432,7 @@ def save_untrained(path, sim="pymunk", fits=(), **settings):
     """
     torch.manual_seed(0)
     neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
-    model = ppo.ActorCritic(20, 6, first_action=neutral)
+    model = ppo.ActorCritic(14, 6, first_action=neutral)
     world = env.FootstepWorld(1, sim, **{"task": SHORT, **settings})
     path.parent.mkdir(parents=True, exist_ok=True)
     fits = ppo.fingerprint(world) | dict(fits)
@@ -695,7 +695,7 @@ class Mine(evaluate.BaselinePlanner):
 
 
 def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(capfd, monkeypatch):
-    untrained = ppo.ActorCritic(20, 6, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
+    untrained = ppo.ActorCritic(14, 6, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
     policy, baseline = evaluate.PolicyPlanner(untrained), evaluate.BaselinePlanner()
     planners = {"policy": policy, "a": Recorder(), "b": Mine(), "baseline": baseline}
     want = walked(planners, jobs=1)
@@ -721,7 +721,7 @@ class Deadly(ppo.ActorCritic):
 @pytest.mark.slow
 @pytest.mark.parametrize("planner, error, place", [
     (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    (evaluate.PolicyPlanner(Deadly(20, 6)), BrokenExecutor, ""),
+    (evaluate.PolicyPlanner(Deadly(14, 6)), BrokenExecutor, ""),
 ], ids=["raises", "is killed"])  # fmt: skip
 def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place):
     with pytest.raises(error) as caught:
