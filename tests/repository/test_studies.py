@@ -391,12 +391,29 @@ def test_an_interval_over_trainings_is_wider_than_one_over_goals():
 
 
 @pytest.mark.slow
-def test_one_update_of_stable_baselines3_is_ours():
+def test_our_vector_environment_is_one_of_stable_baselines3():
     pytest.importorskip("stable_baselines3", reason="only the study `peers` needs it")
-    (row,) = peers.study_exact(Namespace(seed=5))
-    assert row["cut_off"] > 50, "bootstrapping is compared, too"
-    assert row["they_vary_by"] > 1 and row["they_move_by"] > 0.01, "something was learned"
-    assert row["advantages_differ"] < 1e-5 and row["weights_differ"] < 1e-5, row
+    settings = {"noise": True, "task": env.Task(time_limit=3.0, s_fall=5.0)}
+    theirs, ours = peers.Footsteps(4, **settings), env.FootstepVectorEnv(4, **settings)
+    theirs.seed(7)
+    equal(theirs.reset(), ours.reset(seed=7)[0])
+    ends = 0
+    for action in default_rng(0).uniform(-1, 1, (12, 4, 6)):
+        obs, reward, done, told = theirs.step(action)
+        want, pay, terminated, truncated, infos = ours.step((action + 1) / 2)
+        close([*obs.ravel(), *reward], [*want.ravel(), *pay], atol=1e-6)
+        equal(done, terminated | truncated)
+        for i in np.flatnonzero(done):
+            ends += 1
+            equal(told[i]["terminal_observation"], infos["final_obs"][i])
+            assert told[i]["TimeLimit.truncated"] == (truncated[i] and not terminated[i])
+    assert ends > 4
+    model, log = peers.train("pymunk", 0, 1024)
+    assert [row["steps"] for row in log] == [1024]
+    world = common.world("pymunk", num_robots=2)
+    world.reset([0, 1])
+    actions = peers.Planner(model).act(world.view([0, 1]))
+    assert actions.shape == (2, 6) and (0 <= actions).all() and (actions <= 1).all()
 
 
 # ------------------------------------------------------------------------ cluster

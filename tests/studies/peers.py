@@ -1,142 +1,164 @@
-"""Does another implementation of PPO compute the same? One update by Stable-Baselines3, one by us.
+"""Stable-Baselines3, with which the paper trained, in this world at full speed.
 
     python -m pip install stable-baselines3==2.9.2
-    python tests/studies/peers.py [--out FOLDER]
+    python tests/studies/peers.py [--mujoco] [--out FOLDER]
 
-Both get the same network (a Gaussian policy, as Stable-Baselines3 has no Beta policy), and the same
-rollout in an environment of random numbers, in which episodes end and are cut off by chance. Compared
-are the advantages, and all weights after ten epochs. A minibatch holds the whole rollout, so its
-order does not matter.
+`Footsteps` is our vector environment as a VecEnv of Stable-Baselines3: all robots walk in one call. (One
+robot an environment, as `gymnasium.make` gives it, takes six times as long.) Its PPO trains with the
+settings of stage 4, but with a Gaussian policy, because it has no Beta policy. The figure shows its
+curve beside ours.
 """
-
-from dataclasses import replace
 
 import common
 import gymnasium as gym
 import numpy as np
-from common import ppo, robot_model
+from common import RESULTS, env, ppo, robot_model
 
-torch = ppo.torch
-DURATION = "seconds"
-ROBOTS, STEPS, SEEN, ACTS = 64, 16, 20, 6  # shape of the rollout, of observations and actions
-CFG = replace(ppo.PPOConfig(), minibatch=ROBOTS * STEPS)
+try:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.callbacks import BaseCallback
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError:  # said when a training starts
+    PPO, VecEnv, BaseCallback = None, object, object
 
-
-class GaussianActor(ppo.ActorCritic):
-    """A normal distribution, as in the other implementation."""
-
-    def __init__(self, obs_dim, act_dim, hidden, first_action, concentration):
-        super().__init__(obs_dim, act_dim, hidden)
-        self.actor = ppo.mlp((obs_dim, *hidden, act_dim), last_gain=0.01)
-        self.actor[-1].bias.data.copy_(torch.as_tensor(first_action))
-        # As wide as a Beta with mean 0.5 and concentration c: σ² = 1 / (4·(c + 1))
-        log_std = -0.5 * np.log(4 * (concentration + 1))
-        self.log_std = torch.nn.Parameter(torch.full((act_dim,), log_std))
-
-    def policy(self, obs):
-        normal = torch.distributions.Normal(self.actor(obs), self.log_std.exp())
-        return torch.distributions.Independent(normal, 1)
+DURATION = "15 minutes on one core; 3-D: 30 minutes"
+CFG = ppo.PPOConfig()
 
 
-class Chance(gym.Env):
-    """Random observations and rewards. `seen` holds a row for every step."""
+class Footsteps(VecEnv):
+    """N robots; actions in [−1, 1]. The other arguments are those of `FootstepVectorEnv`."""
 
-    observation_space = gym.spaces.Box(-np.inf, np.inf, (SEEN,))
-    action_space = gym.spaces.Box(0, 1, (ACTS,))
+    def __init__(self, num_envs, **settings):
+        self.envs = env.FootstepVectorEnv(num_envs, **settings)
+        actions = gym.spaces.Box(-1, 1, self.envs.single_action_space.shape)
+        super().__init__(num_envs, self.envs.single_observation_space, actions)
 
-    def __init__(self):
-        self.seen = []
+    def reset(self):
+        seed, self._seeds = self._seeds[0], [None] * self.num_envs  # of `seed`, for one reset
+        return self.envs.reset(seed=seed)[0]
 
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.obs = self.np_random.normal(size=SEEN).astype(np.float32)
-        return self.obs, {}
+    def step_async(self, actions):
+        self.actions = (actions + 1) / 2
 
-    def step(self, action):
-        obs, self.obs = self.obs, self.np_random.normal(size=SEEN).astype(np.float32)
-        reward, ends = self.np_random.normal(), self.np_random.random(2) < 0.1
-        row = {"obs": obs, "next_obs": self.obs, "reward": np.float32(reward)}
-        self.seen.append(row | {"terminated": ends[0], "truncated": ends[1]})
-        return self.obs, reward, *map(bool, ends), {}
+    def step_wait(self):
+        obs, reward, terminated, truncated, infos = self.envs.step(self.actions)
+        told = [{} for _ in range(self.num_envs)]
+        for i in np.flatnonzero(terminated | truncated):
+            final = {key: infos["final_info"][key][i] for key in ("success", "fall", "time")}
+            last = {"terminal_observation": infos["final_obs"][i]}
+            told[i] = last | final | {"TimeLimit.truncated": truncated[i] and not terminated[i]}
+        return obs, reward.astype(np.float32), terminated | truncated, told
+
+    def get_attr(self, name, indices=None):
+        return [getattr(self.envs, name)] * self.num_envs
+
+    def env_is_wrapped(self, wrapper_class, indices=None):
+        return [False] * self.num_envs
+
+    def close(self):
+        self.envs.close()
+
+    set_attr = env_method = None  # there is no environment of a single robot
 
 
-def study_exact(args):
-    """How much advantages and weights differ, and how much they vary or move."""
-    try:
-        from stable_baselines3 import PPO
-        from stable_baselines3.common.env_util import make_vec_env
-        from stable_baselines3.common.logger import Logger
-    except ImportError as error:
-        raise robot_model.InputError(
-            "first: python -m pip install stable-baselines3==2.9.2"
-        ) from error
-    envs = make_vec_env(Chance, ROBOTS, args.seed)
-    theirs = PPO(
+class Log(BaseCallback):
+    """How the episodes of every rollout ended: rows as in learning_curve.csv."""
+
+    def _on_training_start(self):
+        self.rows, self.ended = [], []
+
+    def _on_step(self):
+        self.ended += [info for info in self.locals["infos"] if info]
+        return True
+
+    def _on_rollout_end(self):
+        times = [info["time"] for info in self.ended if info["success"]]
+        row = {"steps": self.num_timesteps, "time": np.mean(times) if times else None}
+        for key in "success", "fall":
+            row[key] = np.mean([info[key] for info in self.ended]) if self.ended else None
+        self.rows.append(row)
+        self.ended = []
+
+
+class Planner:
+    """Walks as the policy of a PPO of Stable-Baselines3 says."""
+
+    def __init__(self, model):
+        self.model = model
+
+    def reset(self, num_robots):
+        """It remembers nothing."""
+
+    def act(self, view):
+        return (self.model.predict(view.observation, deterministic=True)[0] + 1) / 2
+
+
+def train(sim, seed, steps):
+    """A PPO of Stable-Baselines3, trained with the settings of stage 4, and the rows of its log."""
+    if PPO is None:
+        raise robot_model.InputError("python -m pip install stable-baselines3==2.9.2")
+    model = PPO(
         "MlpPolicy",
-        envs,
-        n_steps=STEPS,
+        Footsteps(CFG.num_envs, sim=sim, noise=True),
+        n_steps=CFG.rollout,
         batch_size=CFG.minibatch,
         n_epochs=CFG.epochs,
-        learning_rate=CFG.learning_rate,
+        learning_rate=lambda left: left * CFG.learning_rate,  # left: from 1 to 0
         gamma=CFG.gamma,
         gae_lambda=CFG.lam,
         clip_range=CFG.clip,
         vf_coef=CFG.value_coef,
         max_grad_norm=CFG.max_grad_norm,
+        seed=seed,
         device="cpu",
-        seed=args.seed,
-        policy_kwargs={"net_arch": [*CFG.hidden], "activation_fn": torch.nn.Tanh},
+        # As wide as the first Beta: of [0, 1] 0.5/√(c + 1), of [−1, 1] twice as much
+        policy_kwargs={
+            "net_arch": [*CFG.hidden],
+            "log_std_init": -0.5 * np.log(CFG.first_concentration + 1),
+        },
     )
-    model = GaussianActor(SEEN, ACTS, CFG.hidden, 0.5, CFG.first_concentration)
-    policy = theirs.policy
-    hidden = policy.mlp_extractor
-    networks = hidden.policy_net, policy.action_net, hidden.value_net, policy.value_net
-    others = [policy.log_std, *(weights for part in networks for weights in part.parameters())]
-    pairs = [*zip(model.parameters(), others, strict=True)]  # log σ, actor, critic
-    first = [other.detach().clone() for other in others]
-    for (ours, _), weights in zip(pairs, first):
-        ours.data.copy_(weights)
-    _, callback = theirs._setup_learn(CFG.minibatch)
-    buffer = theirs.rollout_buffer
-    theirs.collect_rollouts(envs, callback, buffer, STEPS)  # actions, advantages
-    seen = [*zip(*(env.unwrapped.seen for env in envs.envs))]  # [T][N]
-    data = {
-        name: torch.as_tensor(np.array([[row[name] for row in rows] for rows in seen]))
-        for name in seen[0][0]
-    }
-    data["action"] = torch.as_tensor(buffer.actions)  # [T, N, ACTS]
-    advantages, _, _ = ppo.advantages_and_targets(model, data, CFG)
-    off = np.abs(advantages.numpy() - buffer.advantages.ravel())
-    optimizer = torch.optim.Adam(model.parameters(), CFG.learning_rate, eps=1e-5)
-    ppo.improve(model, optimizer, data, CFG)
-    theirs.set_logger(Logger(None, []))
-    theirs.train()
-    with torch.no_grad():
-        moved = max((ours - weights).abs().max().item() for (ours, _), weights in zip(pairs, first))
-        apart = max((ours - other).abs().max().item() for ours, other in pairs)
-    row = {"cut_off": int(data["truncated"].sum()), "advantages_differ": float(off.max())}
-    row |= {"they_vary_by": advantages.std().item(), "weights_differ": apart, "they_move_by": moved}
-    return [row]
+    log = Log()
+    with ppo.one_thread():
+        model.learn(steps, log, progress_bar=False)
+    return model, log.rows
 
 
-PARTS = {"exact": study_exact}
+def study_training(args):
+    """Rows of both policies, and the log of the other training."""
+    model, log = train(args.sim, args.seed, ppo.STEPS)
+    rows = []
+    for name, planner in (
+        ("Stable-Baselines3", Planner(model)),
+        ("ours", common.shipped(args.sim)),
+    ):
+        for far in common.STD:
+            ended = common.walks(planner, common.world(args.sim), far, first=140)
+            rows.append(common.row_of(ended, name, far))
+    return {"rows": rows, "log": ppo.plain(log)}
 
 
-COLUMNS = {
-    "exact": {"cut_off": 0, "advantages_differ": 8, "they_vary_by": 2}
-    | {"weights_differ": 8, "they_move_by": 4}
-}
+PARTS = {"training": study_training}
+COLUMNS = {"training": {"planner": 0, "goal_std_m": 1, "success": 4, "fall": 4, "time_mean": 2}}
 
 
-def found(data):
-    """Sentences by name, from the numbers of the plane."""
-    (row,) = data["pymunk"]["exact"]["rows"]
-    return {
-        "exact": f"After ten epochs on the same {CFG.minibatch:,} steps ({row['cut_off']} of them cut off) the "
-        f"weights of both implementations differ by at most {row['weights_differ']:.0e}, while they move by up to "
-        f"{row['they_move_by']:.2f}. The advantages, which vary by {row['they_vary_by']:.1f}, differ by at "
-        f"most {row['advantages_differ']:.0e}.",
-    }
+def plot(found, sim):
+    """How the time to the goal falls, and how often the robot arrives."""
+    ours = np.genfromtxt(RESULTS / sim / "learning_curve.csv", delimiter=",", names=True)
+    figure, panels = common.subplots(1, 2, figsize=(9, 3.6))
+    for panel, name in zip(panels, ("time", "success")):
+        log = {key: [row[key] for row in found["training"]["log"]] for key in ("steps", name)}
+        for label, color, curve in (
+            ("ours", "tab:purple", ours),
+            ("Stable-Baselines3", "tab:green", log),
+        ):
+            steps, values = (np.array(curve[key], float) for key in ("steps", name))  # None: nan
+            panel.plot(steps / 1000, values, color=color, label=label)
+        panel.set(xlabel="double steps [thousands]")
+    panels[0].set(ylabel="time to the goal [s]", yscale="log")
+    panels[1].set(ylabel="share of walks that arrive [1]")
+    panels[1].legend()
+    figure.suptitle(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
+    return figure
 
 
 if __name__ == "__main__":
