@@ -225,7 +225,7 @@ DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0214, 0.0185, 0.1262)}
 
 
 # A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. For a double step the filter
-# expects DRIFT: 1 to 2 cm, in 3-D 0.12 rad. So it pays to remember the measurements: a Kalman
+# expects DRIFT: 1 to 2 cm, in 3-D 0.13 rad. So it pays to remember the measurements: a Kalman
 # filter. (In 3-D it pays less for the yaw, and for a distant goal, which an unplanned turn moves to
 # the side.) The filter also keeps how large its error may be: the covariance P of the errors of x,
 # y and yaw. Its diagonal holds their variances.
