@@ -12,7 +12,7 @@ from itertools import product
 
 import common
 import numpy as np
-from common import env, evaluate, ppo, robot_model, share, values
+from common import env, evaluate, ppo, robot_model
 
 torch = ppo.torch
 DURATION = "one core: ablations 25 minutes, robots 4; 3-D: three times as long"
@@ -114,35 +114,6 @@ PARTS = {
 
 SHORT = {"variant": 0, "seed": 0, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
 COLUMNS = dict.fromkeys(PARTS, SHORT)
-
-
-def found(data):
-    """Sentences by name, from the numbers of the plane."""
-
-    def means(part, key, names):
-        rows = data["pymunk"][part]["rows"]
-        return [np.mean(values(rows, key, variant=name)) for name in names]
-
-    short = data["pymunk"]["ablations"]["rows"]
-    (arrived,) = means("ablations", "success", ["without r_d"])
-    others = [row["success"] for row in short if row["variant"] != "without r_d"]
-    least = "all" if min(others) == 1 else f"at least {share(min(others))} of the"
-    return {
-        "rewards": "In 2-D, after short trainings without the reward for distance (r_d), the robot "
-        f"arrives in {share(arrived)} of the walks. After all others it arrives in {least} walks. Without "
-        "the rewards for angle (r_a), orientation (r_o) and continuity (r_c) they take {:.1f}, {:.1f} and "
-        "{:.1f} s.".format(
-            *means("ablations", "time_mean", [f"without r_{name}" for name in "aoc"])
-        ),
-        "policy": "The walks take {0:.1f} s after the short trainings of stage 4. They take "
-        "{2:.1f} s if the outputs of the network are α and β, {1:.1f} s with a Gaussian policy, and "
-        "{3:.1f} s with a learning rate of 0.001.".format(
-            *means("ablations", "time_mean", [*VARIANTS][:4])
-        ),
-        "robots": "Three trainings have 25,600 double steps each. With 64 robots the walks then take "
-        "{:.1f} s, with 256 robots {:.1f} s, and with 256 robots that take only 4 double steps in a "
-        "rollout {:.1f} s.".format(*means("robots", "time_mean", ROBOTS)),
-    }
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import common
 import networkx  # PyTorch brings it along
 import numpy as np
-from common import env, evaluate, robot_model, share
+from common import env, evaluate, robot_model
 
 DURATION = "2 minutes; 3-D: 6 minutes"
 FIELDS = 200
@@ -211,23 +211,6 @@ COLUMNS = {
     "walks": {"planner": 0, "discs": 0, "success": 3, "touches": 3, "fall": 3, "time_mean": 1}
     | {"time_over_way": 2}
 }
-
-
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    walks = data["mujoco"]["walks"]
-    around, straight, tuned, _ = walks["rows"]  # with discs, without them; the same for the tuned
-    count = walks["fields"]
-    return {
-        "discs": f"The robot walks through {count} fields of discs. With the policy it "
-        f"arrives in {share(around['success'], 1)} of them and touches a disc in "
-        f"{share(around['touches'], 1)}. With `baseline_tuned` it arrives in "
-        f"{share(tuned['success'], 1)} and touches a disc in {share(tuned['touches'], 1)}. "
-        f"{common.verdict(walks['touches']['p'])}.",
-        "time": f"The policy takes {around['time_over_way']:.2f} times as long as a robot that walks at "
-        f"{SPEED} m/s on the shortest path that avoids the discs. On a straight path without discs this "
-        f"ratio is {straight['time_over_way']:.2f}.",
-    }
 
 
 if __name__ == "__main__":

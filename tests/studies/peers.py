@@ -113,16 +113,5 @@ COLUMNS = {
 }
 
 
-def found(data):
-    """Sentences by name, from the numbers of the plane."""
-    (row,) = data["pymunk"]["exact"]["rows"]
-    return {
-        "exact": f"After ten epochs on the same {CFG.minibatch:,} steps ({row['cut_off']} of them cut off) the "
-        f"weights of both implementations differ by at most {row['weights_differ']:.0e}, while they move by up to "
-        f"{row['they_move_by']:.2f}. The advantages, which vary by {row['they_vary_by']:.1f}, differ by at "
-        f"most {row['advantages_differ']:.0e}.",
-    }
-
-
 if __name__ == "__main__":
     common.start("peers")
