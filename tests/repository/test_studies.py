@@ -15,6 +15,7 @@ import cluster
 import common
 import film
 import kicks
+import ladder
 import mujoco
 import numpy as np
 import peers
@@ -351,6 +352,20 @@ def test_a_plan_that_turns_walks_and_turns_again_by_hand():
 
 
 # ------------------------------------------------------------------------ seeds, peers
+def test_learners_that_lack_a_part(monkeypatch):
+    obs = torch.rand(5, 3)
+    values = ladder.NoCritic(3, 1).value(obs)
+    close(values.detach(), 0)
+    (values - 1).square().mean().backward()  # a training needs it
+    told = []
+    monkeypatch.setattr(ppo, "improve", lambda model, optimizer, data, cfg: told.append(data))
+    ends = {"terminated": torch.tensor([True, False, False])}
+    ladder.cut_off_is_end(
+        None, None, ends | {"truncated": torch.tensor([False, True, False])}, None
+    )
+    assert told[0]["terminated"].tolist() == [True, True, False], "nothing follows a cut-off"
+
+
 def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypatch):
     """Two policies fall in the same 40 of 400 trials: as sure as one of them, not as both."""
     falls = {"expert": np.zeros(400, bool), 0: np.arange(400) < 40, 1: np.arange(400) < 40}
