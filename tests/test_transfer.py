@@ -109,7 +109,7 @@ def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
     measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, world.limits)
     assert measured["stood"] > 0.8
     monkeypatch.setattr(common, "cma_es", lambda costs, mean, *more: mean)
-    assert walk.tune(world, 0) == tuned
+    assert walk.tune(world, 0)[0] == tuned
 
 
 PYBULLET = pytest.mark.skipif(find_spec("pybullet") is None, reason=f"no PyBullet: {bullet.PIP}")

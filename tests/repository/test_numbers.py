@@ -19,7 +19,6 @@ import common
 import kicks
 import ladder
 import numpy as np
-import obstacles
 import peers
 import pytest
 import seeds
@@ -277,7 +276,7 @@ def robots():
 def pendulum():
     found = rows("ladder", "pendulum", "pymunk")
     *others, last = (ends(ladder.last_returns(found, name)) for name in ladder.PENDULUM)
-    return [60_000, others, 0, last]  # λ = 0
+    return [ladder.STEPS, others, 0, last]  # λ = 0
 
 
 def update():
@@ -289,14 +288,6 @@ def speed():
     alone, *others = rows("cluster", "speed")
     actors = [[int(row["training"].split()[0]), row[STEPS_PER_S]] for row in others]
     return [[count for count, _ in actors], alone[STEPS_PER_S], actors]
-
-
-def discs():
-    found = study("obstacles")["walks"]
-    around, straight, tuned, _ = found["rows"]
-    shares = (row[key] for row in (around, tuned) for key in ("success", "touches"))
-    ways = around["time_over_way"], obstacles.SPEED, straight["time_over_way"]
-    return [found["fields"], percent(*shares), found["touches"]["p"], ways]
 
 
 def elsewhere(case, push=0.0, planner="policy"):
@@ -415,7 +406,6 @@ NUMBERS = {
     "ladder: pendulum": pendulum,
     "peers: update": update,
     "cluster: speed": speed,
-    "obstacles: discs": discs,
     "transfer: models": lambda: [
         count("success", transfer.BULLET),
         count("success", transfer.PUBLISHED),

@@ -15,9 +15,9 @@ import cluster
 import common
 import film
 import kicks
+import ladder
 import mujoco
 import numpy as np
-import obstacles
 import peers
 import PIL.Image
 import pytest
@@ -72,9 +72,7 @@ def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     sorted(common.RESULTS.glob("*/studies/*.json")),
     ids=lambda path: f"{path.parts[-3]}-{path.stem}",
 )
-def test_a_figure_of_the_shipped_numbers_has_something_in_every_panel(path, monkeypatch):
-    short = partial(common.world, task=env.Task(time_limit=3.0))
-    monkeypatch.setattr(common, "world", short)  # `obstacles` walks again
+def test_a_figure_of_the_shipped_numbers_has_something_in_every_panel(path):
     study = import_module(path.stem)
     sim = path.parts[-3]
     found = common.read_json(path)
@@ -338,59 +336,21 @@ def test_a_plan_that_turns_walks_and_turns_again_by_hand():
     close(found, [2, 2, 3, aside], "whole double steps, two steps each; behind it: backwards")
 
 
-# ------------------------------------------------------------------------ obstacles
-DISC = np.array([[1.0, 0.0, 0.2]])
-
-
-def test_the_shortest_way_around_a_disc_is_two_tangents_and_an_arc():
-    goal = np.array([2.0, 0.0, 1.0])
-    reach = 0.2 + obstacles.MARGIN
-    field = obstacles.Field(DISC, obstacles.shortest_way(goal, DISC))
-    # The tangent from 1 m away touches at the angle arccos(reach) from the line to the middle.
-    tangent = math.sqrt(1 - reach**2)
-    arc = math.pi - 2 * math.acos(reach)
-    shortest = 2 * tangent + arc * reach
-    assert shortest <= field.length < 1.02 * shortest, "a polygon around the disc is a bit longer"
-    ends = np.vstack([[0, 0], field.way[:, :2]])
-    gaps = obstacles.gaps(ends[:-1], ends[1:], DISC)
-    assert (gaps > reach - 1e-6).all(), "the way keeps its margin"
-    close(field.way[-1], goal)
-    x, y = np.diff(ends[1:], axis=0).T
-    close(field.way[:-1, 2], np.arctan2(y, x), "a corner looks ahead")
-    ring = [[math.cos(a), math.sin(a), 0.3] for a in np.arange(8) * math.pi / 4]
-    assert obstacles.shortest_way(goal, np.array(ring)) is None, "closed all around"
-
-
-@pytest.mark.parametrize("x, y, touches", [
-    (0.108 + 0.05, 0.09, True), (0.108 + 0.11, 0.09, False),  # ahead of the left sole
-    (0.0, 0.09 + 0.06 + 0.05, True), (0.0, 0.09 + 0.06 + 0.11, False),  # beside it
-    (0.0, -0.09 - 0.06 - 0.05, True), (-0.076 - 0.11, -0.09, True), (-0.3, -0.09, False),
-])  # fmt: skip
-def test_a_disc_is_touched_by_soles_and_torso(x, y, touches):
-    """The disc's radius is 0.1 m. The torso stands between the feet, which lie 0.09 m aside."""
-    torso, joints = robot_model.stance(ROBOT)
-    seen = SimpleNamespace(torso=torso[None, None], joints=joints[None, None])
-    field = obstacles.Field(np.array([[x, y, 0.1]]), None)
-    assert obstacles.touching(ROBOT, seen, [field])[0] == touches
-
-
-def test_a_chain_gives_the_next_goal_when_the_last_one_is_near():
-    ways = np.array([[[0.1, 0, 0.5], [1, 0, 0]], [[2, 0, 0], [3, 0, 0]]])
-    asked = []
-    planner = SimpleNamespace(reset=asked.append, act=asked.append)
-    world = common.world("pymunk", num_robots=2, noise=False)
-    world.reset([0, 1])
-    chain = obstacles.Chain(planner, world, ways)
-    chain.reset(2)
-    close(world.goal, ways[:, 0], "first the first ones")
-    for _ in range(2):
-        chain.act(world.view([0, 1]))
-    close(world.goal, [ways[0][1], ways[1][0]], "robot 0 was near, robot 1 is far away")
-    close(asked[-1].goal, world.goal, "seen from the origin")
-    close(asked[-1].observation[0, :8], env.encode_goal(world.goal[0]))
-
-
 # ------------------------------------------------------------------------ seeds, peers
+def test_learners_that_lack_a_part(monkeypatch):
+    obs = torch.rand(5, 3)
+    values = ladder.NoCritic(3, 1).value(obs)
+    close(values.detach(), 0)
+    (values - 1).square().mean().backward()  # a training needs it
+    told = []
+    monkeypatch.setattr(ppo, "improve", lambda model, optimizer, data, cfg: told.append(data))
+    ends = {"terminated": torch.tensor([True, False, False])}
+    ladder.cut_off_is_end(
+        None, None, ends | {"truncated": torch.tensor([False, True, False])}, None
+    )
+    assert told[0]["terminated"].tolist() == [True, True, False], "nothing follows a cut-off"
+
+
 def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypatch):
     """Two policies fall in the same 40 of 400 trials: as sure as one of them, not as both."""
     falls = {"expert": np.zeros(400, bool), 0: np.arange(400) < 40, 1: np.arange(400) < 40}

@@ -34,7 +34,7 @@ OPEN_LOOP = "baseline, open loop"  # the paper's controller; the walk answers no
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # such a walk
 BEFORE = {  # studies in results/<sim>/studies that were not made with the stages as they are
     "pymunk": ["ablations", "baseline", "peers", "walk"],
-    "mujoco": ["baseline", "cluster", "kicks", "obstacles", "seeds", "transfer", "walk"],
+    "mujoco": ["baseline", "cluster", "kicks", "seeds", "transfer", "walk"],
 }
 CANDIDATES = 12  # in a generation of a search
 PER_SET = 500  # robots of a world, so goals in a set
@@ -125,8 +125,6 @@ HEADS = {
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
-    "touches": "touches a disc",
-    "time_over_way": "time ÷ (path / 0.35 m/s)",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
     "plan": "turn, walk, turn [s]",

@@ -248,8 +248,9 @@ def points(ended):
 
 
 def tune(world, seed):
-    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and what
-    the search returns. The trunk sways as much more or less as the pendulum does. ([5] used a tree-structured Parzen estimator.)
+    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and a
+    row for each generation. The trunk sways as much more or less as the pendulum does. ([5] used a
+    tree-structured Parzen estimator.)
     """
     start, robot = world.engine.parameters, world.engine.robot
     names = [name for name in SEARCH if world.sim == "mujoco" or name not in ONLY_3D]
