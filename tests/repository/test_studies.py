@@ -60,8 +60,7 @@ def test_a_part_is_written_before_the_next_one_and_leaves_the_others(tmp_path):
     common.publish(study, "one", args)
     with pytest.raises(ZeroDivisionError):
         common.publish(study, "two", args)
-    made_with = common.made_with("pymunk")
-    found = {"two": {"rows": []}, "one": {"rows": [1, [2, 3]], "made_with": made_with}}
+    found = {"two": {"rows": []}, "one": {"rows": [1, [2, 3]]}}
     assert common.read_json(path) == found
     assert (tmp_path / "both.md").read_text("utf-8") == str(found), "as from the file"
 
@@ -81,20 +80,6 @@ def test_a_figure_of_the_shipped_numbers_has_something_in_every_panel(path):
         assert all(axes.lines for axes in figure.axes)
         with mock.patch("time.perf_counter", side_effect=itertools.count(step=2)):  # busy
             robot_model.pixels(figure)  # matplotlib warns where a legend has no place of its own
-
-
-@pytest.mark.parametrize("kind", ["png", "gif"])
-def test_a_second_stamp_takes_the_place_of_the_first(tmp_path, kind):
-    path = tmp_path / f"picture.{kind}"
-    black, white = (PIL.Image.new("L", (4, 4), color) for color in (0, 255))
-    black.save(path, save_all=kind == "gif", append_images=[white])
-    for digits in ("00000000 11111111", "22222222 33333333"):
-        common.stamp(path, digits)
-    assert path.read_bytes().count(b"made with") == path.read_bytes().count(b"with 22222222 3") == 1
-    with PIL.Image.open(path) as picture:
-        picture.load()
-        assert kind == "png" or picture.n_frames == 2, "it is still a picture"
-        assert kind == "gif" or picture.text["Comment"] == f"made with {digits}", "a chunk"
 
 
 def test_walks_are_those_of_stage_05_set_by_set():
@@ -342,7 +327,7 @@ def test_the_ladder_changes_one_thing_a_rung_and_ends_at_this_system():
     close(first.estimate, first.relative_goal([0]), "only the last measurement counts", atol=0.3)
 
 
-def test_learners_that_lack_a_part():
+def test_learners_that_lack_a_part(monkeypatch):
     obs = ppo.torch.rand(5, 14)
     model = ladder.NoCritic(14, 6)
     close(model.value(obs).detach(), 0)
@@ -350,6 +335,13 @@ def test_learners_that_lack_a_part():
     shape = ladder.ShapeActor(14, 6, (64, 64), 0.3, 10.0)
     close(shape.policy(obs).base_dist.concentration1.detach(), 1 + 0.3 * 8, atol=0.1)
     close(shape.policy(obs).base_dist.concentration0.detach(), 1 + 0.7 * 8, atol=0.1)
+    told = []
+    monkeypatch.setattr(ppo, "improve", lambda model, optimizer, data, cfg: told.append(data))
+    ends = {"terminated": torch.tensor([True, False, False])}
+    ladder.cut_off_is_end(
+        None, None, ends | {"truncated": torch.tensor([False, True, False])}, None
+    )
+    assert told[0]["terminated"].tolist() == [True, True, False], "nothing follows a cut-off"
 
 
 def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypatch):

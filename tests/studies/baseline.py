@@ -19,7 +19,7 @@ import sys
 
 import common
 import numpy as np
-from common import ROOT, evaluate, pick, ppo, share, values
+from common import ROOT, evaluate, pick, ppo, values
 
 sys.path.append(str(ROOT / "tests" / "exercises"))
 import expert
@@ -210,28 +210,6 @@ def plot(found, sim):
     axes[0].set_ylabel("mean time, near and far [s]")
     figure.suptitle(f"What speed costs: settings and trainings, circles: chosen ({sim})")
     return figure
-
-
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    parts = data["mujoco"]
-    (tuned,) = pick(parts["baseline_tuned"]["finalists"], chosen=True)
-    (by_hand,) = pick(parts["expert"]["finalists"], chosen=True)
-    policies = parts["policy"]["rows"]
-    times, falls = (values(policies, key) for key in ("time", "fall"))
-    kept, kept_by_hand = (
-        sum(map(keeps, parts[name]["finalists"])) or "none" for name in ("baseline_tuned", "expert")
-    )
-    return {
-        "tuned": "In 3-D, near and far goals together, the paper's controller takes "
-        f"{parts['paper']['time']:.1f} s on average, and `baseline_tuned` {tuned['time']:.1f} s.",
-        "expert": f"`expert` takes {by_hand['time']:.2f} s. With it the robot falls in "
-        f"{share(by_hand['fall'], 2)} of {parts['expert']['trials']:,} walks. On the same goals "
-        f"the policies of {len(times)} trainings take {min(times):.2f} to {max(times):.2f} s. With "
-        f"them the robot falls in {share(min(falls), 2)} to {share(max(falls), 2)} of the walks.",
-        "rule": f"The rule is kept by {kept} of the settings of `baseline_tuned`, {kept_by_hand} of "
-        f"`expert`, and {sum(map(keeps, policies))} of {len(policies)} policies.",
-    }
 
 
 if __name__ == "__main__":

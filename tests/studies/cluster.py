@@ -165,17 +165,5 @@ PARTS = {"speed": study_speed, "train": train}
 COLUMNS = {"speed": {"training": 0, "double_steps_per_second": 0, "equal": 0}}
 
 
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    rows = data["mujoco"]["speed"]["rows"]
-    told = (f"{row['training']} {row['double_steps_per_second']:.0f}" for row in rows)
-    equal = all(common.values(rows, "equal"))
-    return {
-        "equal": f"With 1, 2 and 4 actors the weights are {'' if equal else 'NOT '}equal to those of "
-        f"stage 4 alone, bit for bit.",
-        "speed": f"Double steps per second in 3-D on two cores: {', '.join(told)}.",
-    }
-
-
 if __name__ == "__main__":
     common.start("cluster")

@@ -1,21 +1,17 @@
 """What the studies share: the command line, files, tables, and walks to many goals.
 
-    python tests/studies/common.py     puts the numbers of results/ into the pages that show them
+    python tests/studies/common.py     puts the tables of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
-numbers, or a dict with `rows` and more), `found` (what the numbers say, in sentences), COLUMNS of a
-table for each part or `table` (Markdown of all numbers), and mostly `plot`. It writes NAME.json,
-NAME.md and NAME.png. A part is written as soon as it is finished; --only measures one part again.
+numbers, or a dict with `rows` and more), COLUMNS of a table for each part or `table` (Markdown of all
+numbers), and mostly `plot`. It writes NAME.json, NAME.md and NAME.png. A part is written as soon as
+it is finished; --only measures one part again. What the numbers say is written by hand into the
+pages; `test_numbers.py` compares its numbers.
 """
 
-import argparse
 import itertools
 import json
-import re
 import sys
-import textwrap
-import time
-import zlib
 from importlib import import_module
 from pathlib import Path
 from unittest import mock
@@ -72,26 +68,20 @@ def start(name):
 
 def publish(study, part, args):
     """Measure a part of a study, "" if it is the only one, then write all that is known."""
-    path, began = args.out / f"{study.__name__}.json", time.time()
+    path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if numbers is None:  # it was left out, and has said why
         return
     if isinstance(numbers, list):
         numbers = {"rows": numbers}
-    numbers["made_with"] = made_with(args.sim)
-    for picture in args.out.parent.rglob("*.[gp][in][fg]"):
-        if picture.stat().st_mtime >= began:  # the part has drawn it
-            stamp(picture, numbers["made_with"])
     if part:
         known = read_json(path) if path.is_file() else {}
         numbers = known | {part: numbers}
     text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     robot_model.write_text(path, text)
     found = read_json(path)  # as when it is read later: keys are texts, tuples lists
-    first = [*study.PARTS][0]
-    if hasattr(study, "plot") and first in found:  # it shows the first one
+    if hasattr(study, "plot") and [*study.PARTS][0] in found:  # it shows the first one
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
-        stamp(path.with_suffix(".png"), found[first]["made_with"])
     robot_model.write_text(path.with_suffix(".md"), tables_and_figures(study, found, path))
     print(f"\n{tables(study, found)}\nwritten to {args.out}")
 
@@ -106,30 +96,6 @@ def tables_and_figures(study, found, path):
 def tables(study, found):
     """A study's table, or one with its COLUMNS for each part."""
     return study.table(found) if hasattr(study, "table") else sections(found, study.COLUMNS)
-
-
-def made_with(sim):
-    """Robot, walk, limits and task of today as eight digits, and the shipped policy as eight more."""
-    settings = repr(ppo.fingerprint(world(sim, num_robots=1))).encode()
-    policy = (RESULTS / sim / "policy.pt").read_bytes()
-    return " ".join(f"{zlib.crc32(data):08x}" for data in (settings, policy))
-
-
-def stamp(path, digits):
-    """Writes into a PNG or GIF what it was made with: as a comment at its end, instead of that of the
-    last stamp."""
-    data, note = path.read_bytes(), f"made with {digits}".encode()
-    if path.suffix == ".gif":
-        end = b";"
-        block = b"!\xfe" + bytes([len(note)]) + note + b"\0"
-    else:  # a chunk: length, name and text, checksum
-        end = data[-12:]  # the last chunk
-        chunk = b"tEXtComment\0" + note
-        block = len(chunk[4:]).to_bytes(4) + chunk + zlib.crc32(chunk).to_bytes(4)
-    data = data.removesuffix(end)
-    if b"made with" in data[-len(block) :]:  # all stamps have the same length
-        data = data[: -len(block)]
-    robot_model.atomic_write(path, lambda file: file.write_bytes(data + block + end))
 
 
 def read_json(path):
@@ -214,12 +180,6 @@ def fell(ended):
     return ended["outcome"] == "fall"
 
 
-def verdict(p):
-    """What McNemar's test says of two planners in the same trials, in words."""
-    shown = "a difference" if p < 0.05 else "no difference"
-    return f"McNemar's exact test shows {shown} (p {'< 0.001' if p < 0.001 else f'= {p:.2g}'})"
-
-
 def pick(rows, **wanted):
     """The rows with these values."""
     return [row for row in rows if wanted.items() <= row.items()]
@@ -228,17 +188,6 @@ def pick(rows, **wanted):
 def values(rows, key, **wanted):
     """What the rows with these values have under a key."""
     return [row[key] for row in pick(rows, **wanted)]
-
-
-def share(part, digits=0):
-    """0.031, or the mean of several, as 3 %."""
-    return f"{100 * np.mean(part):.{digits}f} %"
-
-
-def fallen(rows, **wanted):
-    """How many walks of the rows with these values ended with a fall, of how many: "3 of 3,000"."""
-    falls, walks = (sum(values(rows, key, **wanted)) for key in ("falls", "episodes"))
-    return f"{falls:,} of {walks:,}"
 
 
 def draw_falls(axis, rows, key, shift, **look):
@@ -410,33 +359,6 @@ def calm_and_pushed(planner, worlds, trial):
     return together(parts)
 
 
-def said(name):
-    """Returns what a study has found: {name: sentences or table}."""
-    paths = [*RESULTS.glob(f"*/studies/{name}.json")]
-    return import_module(name).found({path.parts[-3]: read_json(path) for path in paths})
-
-
-def filled(text):
-    """Returns the text in lines of at most 118 characters; neither 3-D nor 16.6 s is divided."""
-    whole = re.sub(r"(\d) (?=%|[ms]\b|mm\b)", "\\1\u00a0", text)
-    return textwrap.fill(whole, 118, break_on_hyphens=False).replace("\u00a0", " ")
-
-
-def paragraphs(*sentences):
-    """Returns sentences as Markdown; a table has an empty line before it and behind it."""
-    blocks = [block.strip() for block in " ".join(sentences).strip().split("\n\n")]
-    return "\n\n".join(b if b[0] == "|" else filled(b) for b in blocks) + "\n"
-
-
-def findings(found):
-    """Returns what `said` does as Markdown; three parts or more are a list, tables come last."""
-    if len(found) < 3:
-        return paragraphs("*Found.*", *found.values())
-    tables = [part for part in found.values() if "\n\n" in part]
-    told = [part for part in found.values() if part not in tables]
-    return "*Found.*\n" + bullets(told) + "".join("\n" + paragraphs(t) for t in tables)
-
-
 WHAT = {  # README's planners, and what they are
     "policy": "the network",
     "expert": "the best that we could write by hand",
@@ -446,8 +368,8 @@ WHAT = {  # README's planners, and what they are
 }
 
 
-def readme_result(rows):
-    """README's result, from the rows of evaluation.json: a table, and what one must know beside it."""
+def planners_table(rows):
+    """README's table of planners, from the rows of evaluation.json."""
     lines = []
     for name, what in WHAT.items():
         near, far = pick(rows, planner=name, noise=True)
@@ -463,51 +385,7 @@ def readme_result(rows):
                 "still there, far": far["still_there"],
             }
         )
-    digits = dict.fromkeys(lines[0], 1) | {"still there, far": 2}
-    near, _ = saved("mujoco", far=False)
-    far, of_far = saved("mujoco", far=True)
-    plane, of_plane = saved("pymunk", far=False)
-    shown = "" if of_plane["time_ratio_ci95"][1] < 1 else ": perhaps nothing"
-    arrived = min(row["success"] for row in pick(rows, noise=True))
-    told = [
-        f"The policy takes less time than `expert`: by {near} to near goals, by {far} to far ones (from "
-        f"unrounded times; in brackets: 95 % intervals). To far goals it is sooner in {share(of_far['faster'])} of the "
-        f"walks, and later in {share(of_far['slower'])}. In 2-D, to near goals, it saves {plane}{shown}.",
-        f"With every planner at least {share(arrived, 1)} of the walks succeed.",
-    ]
-    return f"{table(lines, digits)}\n{bullets(told)}"
-
-
-def readme_see(rows):
-    """What README's first evaluation prints, from the rows of evaluation.json on the plane."""
-    rows = pick(rows, noise=True, goal_std_m=STD[False])
-    names = "policy", "baseline_tuned", "baseline"
-    times = [f"{values(rows, 'time_mean', planner=name)[0]:.1f} s" for name in names]
-    return paragraphs(
-        "The last line takes a minute: three planners walk in 2-D. With noise, the mean time of a walk is about "
-        f"{times[0]} with `policy` (the network), {times[1]} with `baseline_tuned` and {times[2]} with `baseline`. "
-        "Look at `runs/pymunk/footsteps.png`."
-    )
-
-
-def bullets(lines):
-    """A list in Markdown."""
-    return "".join(filled(f"- {line}").replace("\n", "\n  ") + "\n" for line in lines)
-
-
-def saved(sim, far):
-    """How much less time the policy takes than `expert`, with noise: in words, and as a row."""
-    ratios = read_json(RESULTS / sim / "evaluation.json")["ratios"]
-    (row,) = pick(ratios, noise=True, goal_std_m=STD[far], reference="expert")
-    high, low = (f"{100 * (1 - end):.0f}".replace("-", "−") for end in row["time_ratio_ci95"])
-    return f"{share(1 - row['time_ratio'])} ({low} to {high} %)", row
-
-
-def readme_findings():
-    """README's list of what we found: of few numbers a sentence."""
-    kicks = said("kicks")
-    told = f"*Steps that answer a push prevent most falls.* {kicks['pushed']} {kicks['hard']}"
-    return f"{paragraphs(told)}\n{before('kicks')}"
+    return table(lines, dict.fromkeys(lines[0], 1) | {"still there, far": 2})
 
 
 def pasted(text, mark, part):
@@ -526,50 +404,30 @@ def read_trials(path):
     return {kind: lines[[other == kind for other in kinds]] for kind in dict.fromkeys(kinds)}
 
 
-def before(*names):
-    """Returns a sentence that says which of these studies are in BEFORE, or nothing."""
-    old = sorted({name for studies in BEFORE.values() for name in studies} & {*names})
-    told = "*The numbers of {} are of the robot before its last change, and of its policy. They are being measured again.*"
-    return filled(told.format(", ".join(old))) + "\n" if old else ""
-
-
 STUDIES = sorted({path.stem for path in RESULTS.glob("*/studies/*.json")})  # what was measured
 
 
 def pages():
-    """{path: text as it should be} of the pages that show numbers of results/."""
+    """{path: text as it should be} of the pages with tables of results/."""
+    found = {}
+    for path in RESULTS.glob("*/studies/*.json"):
+        study = import_module(path.stem)
+        found[path.with_suffix(".md")] = tables_and_figures(study, read_json(path), path)
     rows = read_json(RESULTS / "mujoco" / "evaluation.json")["rows"]
-    parts = {
-        ROOT / "README.md": {
-            "see": readme_see(read_json(RESULTS / "pymunk" / "evaluation.json")["rows"]),
-            "result": readme_result(rows),
-            "found": readme_findings(),
-        },
-        RESULTS / "STUDIES.md": {"before": before(*STUDIES)}
-        | {name: findings(said(name)) for name in STUDIES},
-    }
+    steps = read_json(RESULTS / "mujoco" / "studies" / "kicks.json")["steps"]["rows"]
+    marked = [
+        (ROOT / "README.md", "result", planners_table(rows)),
+        (RESULTS / "STUDIES.md", "answers", import_module("kicks").answers_table(steps)),
+    ]
     for path in RESULTS.glob("*/table.md"):
-        old = before(*BEFORE[path.parent.name])
-        parts[path.with_name("README.md")] = {"evaluation": path.read_text("utf-8"), "before": old}
-    found = {
-        path.with_suffix(".md"): tables_and_figures(import_module(path.stem), read_json(path), path)
-        for path in RESULTS.glob("*/studies/*.json")
-    }
-    for page, marked in parts.items():
-        found[page] = page.read_text("utf-8")
-        for mark, part in marked.items():
-            found[page] = pasted(found[page], mark, part)
+        marked.append((path.with_name("README.md"), "evaluation", path.read_text("utf-8")))
+    for page, mark, part in marked:
+        found[page] = pasted(page.read_text("utf-8"), mark, part)
     return found
 
 
 def main_pages():
-    """Writes the pages, and says which have changed. Before that, pictures that a stage has just
-    drawn into results/ get their stamp."""
-    parser = argparse.ArgumentParser(description="Puts the numbers of results/ into the pages.")
-    told = "Say in these pictures, results/SIM/NAME, with what they have just been drawn."
-    parser.add_argument("--stamp", nargs="+", type=Path, default=[], help=told)
-    for path in parser.parse_args().stamp:
-        stamp(path, made_with(path.resolve().relative_to(RESULTS).parts[0]))
+    """Writes the pages, and says which have changed."""
     for path, text in pages().items():
         if text != path.read_text("utf-8"):
             robot_model.write_text(path, text)

@@ -77,8 +77,6 @@ def main(argv=None):
     }
     for name, film in films.items():
         save(*film, args.out / name)
-        if not args.policy:
-            common.stamp(args.out / name, common.made_with(args.sim))
     print("Look at", *films, "in", args.out)
 
 

@@ -17,7 +17,7 @@ import common
 import mujoco
 import numpy as np
 import seeds
-from common import env, evaluate, fallen, pick, robot_model, share, values
+from common import env, evaluate, pick, robot_model, values
 
 DURATION = "pushes: 2 minutes on two cores, worlds: 7; 3-D: pushes 4, worlds 20, steps 25"
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
@@ -226,71 +226,16 @@ def plot(found, sim):
     return figure
 
 
-def steps(rows):
-    """Returns what was found of answers to a push: sentences and a table."""
+def answers_table(rows):
+    """STUDIES.md's table of the answers to a push, from the rows of `steps`."""
     lines = []
     for answer in ANSWERS:
         lines.append({"answer": answer})
         for push in (0.4, 0.6):
             (row,) = pick(rows, world=FLAT, push=push, answer=answer)
-            lines[-1][f"falls at {push} m/s"] = fallen([row])
+            lines[-1][f"falls at {push} m/s"] = f"{row['falls']:,} of {row['episodes']:,}"
             lines[-1][f"time at {push} m/s"] = common.cell(row, "time_over_all", 2)
-
-    def elsewhere(answer):
-        falls = [values(rows, "fall", world=world, answer=answer)[0] for world in HARD]
-        return f"{share(min(falls))} to {share(max(falls))}"
-
-    return (
-        f"In {len(HARD)} harder worlds (other floors, worse sensors, wrong joint zeros), pushed by 0.4 "
-        f"m/s, the robot falls with all answers in {elsewhere('all')} of 500 far walks each, and with "
-        f"the reflex alone in {elsewhere('reflex alone')}. The table is of far walks on the flat floor. (`open "
-        "loop`: no reflex, no capture steps, no waiting.) Time: that of a walk, divided by the "
-        "time to the same goal with all answers, if both walks arrived.\n\n"
-        + common.table(lines, dict.fromkeys(lines[0], 0))
-    )
-
-
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    pushes, worlds, answers = (data["mujoco"][part]["rows"] for part in PARTS)
-
-    def counted(*names):
-        return f"{fallen([row for row in worlds if row['world'] in names])} walks"
-
-    def pushed(answer):
-        return fallen(answers, world=FLAT, push=0.4, answer=answer)
-
-    def usually(planner):
-        slow, usual = (
-            values(worlds, "time_mean", world=world, planner=planner)[0]
-            for world in (SLOW, TRAINED)
-        )
-        return f"{slow:.1f} s instead of {usual:.1f} s"
-
-    hard = values(pushes, "fall", speed=0.6)
-    gyro = values(worlds, "fall", world="a gyro ten times worse")
-    exact, wrong = (pick(worlds, world=name)[-1] for name in [*WORLDS][-2:])  # far goals
-    outside = "μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"
-    return {
-        "pushed": "In 3-D, pushed by 0.4 m/s every 3 s on average, the robot falls in "
-        f"{pushed('all')} far walks. With the ankles' reflex alone it falls in {pushed('reflex alone')}, "
-        f"and in open loop in {pushed('open loop')}.",
-        "blocks": f"On blocks of up to 5 mm, without pushes, the robot falls in {counted([*BLOCKS][0])}, "
-        f"on blocks of up to 10 mm in {counted([*BLOCKS][1])}. The policy was trained on a flat floor.",
-        "grounds": "On three floors of the trained range the robot falls in "
-        f"{counted('μ = 0.4', 'μ = 0.7', 'μ = 1.0')}. Outside of that range (two other floors, and "
-        f"masses that differ twice as much) it falls in {counted(*outside)}.",
-        "hard": f"Pushed by 0.6 m/s every 3 s on average, the robot falls in {share(min(hard))} to {share(max(hard))} of "
-        "the far walks, with `policy`, `expert` or `baseline_tuned`.",
-        "slow": "If the error of the measured goal lasts for seconds, as that of a camera may, a near "
-        f"goal takes {usually('policy')} with the policy, and {usually('expert')} with `expert`.",
-        "gyro": f"With a gyro ten times worse the robot falls in {share(gyro[0], 1)} of the near "
-        f"walks and in {share(gyro[1], 1)} of the far ones.",
-        "zeros": f"With exact joint zeros the robot takes {exact['time_mean']:.1f} s to far goals. "
-        f"With zeros that are wrong by σ = 1° it takes {wrong['time_mean']:.1f} s, and "
-        f"{share(wrong['success'], 1)} of the walks succeed.",
-        "steps": steps(answers),
-    }
+    return common.table(lines, dict.fromkeys(lines[0], 0))
 
 
 if __name__ == "__main__":

@@ -246,17 +246,5 @@ def plot(found, sim):
     return figure
 
 
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    rows = data["pymunk"]["pendulum"]["rows"]
-    last = {name: last_returns(rows, name) for name in PENDULUM}
-    ends = [f"{min(own):.0f} to {max(own):.0f}".replace("-", "−") for own in last.values()]
-    return {
-        "pendulum": "On Pendulum, after 60,000 steps, five seeds of the complete learner end with a return "
-        "of {}. Without a critic they end with {}, with a cut-off taken for an end with {}, without "
-        "clipping with {}, with λ = 0 with {}.".format(*ends)
-    }
-
-
 if __name__ == "__main__":
     common.start("ladder")

@@ -210,16 +210,5 @@ def table(found):
     return common.table(found["rows"], columns | {"chosen": 0})
 
 
-def found(data):
-    """Sentences by name, from the shipped evaluation in 3-D."""
-    rows = common.read_json(common.RESULTS / "mujoco" / "evaluation.json")["rows"]
-    near, far = common.values(rows, "time_mean", planner="search", noise=True)
-    return {
-        "times": f"In 3-D `search` takes {near:.1f} s to near goals and {far:.1f} s to far ones. "
-        "It leads the robot only to the edge of the tolerance. Two double steps later the robot is "
-        "often outside again."
-    }
-
-
 if __name__ == "__main__":
     common.start("search")

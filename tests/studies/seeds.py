@@ -19,7 +19,7 @@ from dataclasses import replace
 
 import common
 import numpy as np
-from common import RESULTS, env, evaluate, fallen, fell, pick, robot_model, share, values
+from common import RESULTS, env, evaluate, fell, pick, robot_model, values
 
 DURATION = "40 minutes on two cores; 3-D: 90"
 POOLED_SETS = 10  # of 500 goals
@@ -233,8 +233,8 @@ def study_pairs(args):
             aspect="equal",
             xlabel="time of expert [s]",
             ylabel="time of the policy [s]",
-            title=f"goals σ {std} m: the policy is faster in {share(ratio['faster'])},\n"
-            f"slower in {share(ratio['slower'])} of {ratio['goals']} walks",
+            title=f"goals σ {std} m: the policy is faster in {100 * ratio['faster']:.0f} %,\n"
+            f"slower in {100 * ratio['slower']:.0f} % of {ratio['goals']} walks",
         )
     figure.suptitle(
         f"A point is a goal, moved by up to 0.2 s; below the line the policy is faster ({args.sim})"
@@ -299,71 +299,6 @@ def plot(found, sim):
         f"Any direction and yaw, {goals} walks a point, with noise, bars: 95 % intervals ({sim})"
     )
     return figure
-
-
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    parts = "distances", "pooled", "seeds", "estimate"
-    distances, pooled, trained, estimate = (data["mujoco"][part] for part in parts)
-    by_distance, rows = distances["rows"], trained["rows"]  # by distance, by training
-    times = [
-        values(by_distance, "time_mean", planner=name)
-        for name in ("policy", "baseline_tuned", "expert")
-    ]
-    falls = distances["falls"]
-    first, many = np.sum(np.argmin(times, 0) == 0), len(DISTANCES)
-    won = f"all of {many}" if first == many else f"{first} of {many}"
-    policy, tuned, by_hand = (own[-1] for own in times)  # at 6 m
-    near, far, pushed = pooled["rows"]
-    (exact,) = pick(by_distance, planner=EXACT, distance=2.0)
-    (noisy,) = pick(by_distance, planner="policy", distance=2.0)
-    ratios = values(rows, "over_expert", planner="policy", push=0.0)
-
-    def fell_far(name):
-        rows = [row for row in by_distance if row["distance"] >= FAR]
-        return sum(values(rows, "falls", planner=name))
-
-    def compared(push, kind):
-        (more,) = pick(trained["more_falls"], push=push, other="expert")
-        low, high = (f"{100 * end:.1f}".replace("-", "−") for end in more["more_falls_ci95"])
-        shown = np.prod(more["more_falls_ci95"]) > 0
-        return (
-            f"With the policies of {len(ratios) // 2} trainings the robot fell in "
-            f"{fallen(rows, planner='policy', push=push)} {kind}, with `expert` in "
-            f"{fallen(rows, planner='expert', push=push)}. "
-            f"The difference (95 %: {low} to {high} %) {'is not' if shown else 'may be'} chance."
-        )
-
-    ours, simple = (
-        [row[f"{axis}_ratio"] for row in pick(estimate["rows"], filter=name) for axis in AXES]
-        for name in FILTERS
-    )
-    return {
-        "distances": f"From 0 to 6 m, the policy is faster than `baseline_tuned` and `expert` at "
-        f"{won} distances. At 6 m it takes {policy:.1f} s, `baseline_tuned` "
-        f"{tuned:.1f} s and `expert` {by_hand:.1f} s.",
-        "far": f"In {falls['walks']} walks from {FAR:.0f} m on, the robot falls {fell_far('policy')} times with "
-        f"the policy, {fell_far('baseline_tuned')} times with `baseline_tuned` and {fell_far('expert')} times "
-        f"with `expert`. Between policy and `expert` {common.verdict(falls['p'])}. With the policy and without "
-        f"noise, when it walks faster, it falls {fell_far(EXACT)} times.",
-        "plan": "To goals at 2 m a plan that turns, walks straight with the largest steps and turns again "
-        f"has {exact['plan']:.1f} s on average. The policy takes {exact['time_mean']:.1f} s without noise "
-        f"and {noisy['time_mean']:.1f} s with it.",
-        "pooled": f"With the policy the robot fell in {near['falls']} of {pooled['goals']:,} walks "
-        f"to near goals and in {far['falls']} of {pooled['goals']:,} to far ones.",
-        "pooled, pushed": "With pushes of 0.4 m/s every 3 s on average, the robot fell in "
-        f"{fallen([pushed])} far walks.",
-        "trainings": f"`policy` is one of {len(ratios) // 2} trainings. On 500 near and 500 far goals they all take "
-        f"{share(1 - max(ratios))} to {share(1 - min(ratios))} less time than `expert`.",
-        "safety": compared(0.0, "near and far walks"),
-        "pushed": compared(0.4, "far walks with pushes of 0.4 m/s"),
-        "estimate": "A Kalman filter estimates the goal, and the size of its own error. The true error "
-        f"is {min(ours):.2f} to {max(ours):.2f} times this size, at all distances. (Double steps in a row err "
-        "alike. The filter expects independent, larger errors.)",
-        "simple": "A simpler filter expects smaller errors, and takes those of x, y and yaw as "
-        "independent. Its true error is "
-        f"{min(simple):.2f} to {max(simple):.2f} times the size that it estimates.",
-    }
 
 
 if __name__ == "__main__":

@@ -36,7 +36,7 @@ import mujoco
 import numpy as np
 import seeds
 from bullet import BulletSim
-from common import env, pick, robot_model, walk_engine
+from common import env, robot_model, walk_engine
 
 sys.path.append(str(common.ROOT / "tests" / "exercises" / "starters"))
 import op3
@@ -213,41 +213,6 @@ PARTS = {"zeros": study_zeros, "op3": study_op3, "bullet": study_bullet, "urdf":
 
 
 COLUMNS = dict.fromkeys(PARTS, {"case": 0, **seeds.START, "episodes": 0, **seeds.END})
-
-
-def found(data):
-    """Sentences by name, from the numbers of 3-D."""
-    rows = [row for part in data["mujoco"].values() for row in part["rows"]]
-
-    def far(case, push=0.0, planner="policy"):
-        return pick(rows, case=case, push=push, planner=planner, goal_std_m=common.STD[True])[-1]
-
-    def count(key, *case):
-        row = far(*case)
-        return f"{round(row[key] * row['episodes'])} of {row['episodes']}"
-
-    def time(planner, case):  # the same goals in both engines
-        rows = pick(data["mujoco"]["bullet"]["rows"], case=case, planner=planner, push=0.0)
-        return f"{rows[-1]['time_mean']:.1f} s"
-
-    def wrong(planner):
-        return common.share(far([*ZEROS][-1], planner=planner)["success"])
-
-    without = [f"{MENDED}, {name}" for name in OFF]
-    return {
-        "models": "In another physics engine (PyBullet) the robot arrives at "
-        f"{count('success', BULLET)} far goals, in its team's model at "
-        f"{count('success', PUBLISHED)}.",
-        "engines": f"On the same goals the policy takes {time('policy', BULLET)} in PyBullet and "
-        f"{time('policy', OWN)} in our model, `expert` {time('expert', BULLET)} and {time('expert', OWN)}.",
-        "answers": "After a mistake in the team's file is mended, the robot arrives at "
-        f"{count('success', MENDED)}. With pushes of 0.4 m/s it falls there in "
-        f"{count('fall', MENDED, 0.4)} far walks, without pushes in {count('fall', MENDED)}. (Falls "
-        f"without pushes, but with the reflex off: {count('fall', without[0])}; with capture steps and "
-        f"waiting off: {count('fall', without[1])}.)",
-        "zeros": "If the zeros of all joints are wrong by σ = 2° instead of 0.5°, the robot arrives at only "
-        f"{wrong('policy')} of the far goals with the policy, at {wrong('expert')} with `expert`.",
-    }
 
 
 if __name__ == "__main__":

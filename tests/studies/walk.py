@@ -17,7 +17,7 @@ from pathlib import Path
 import baseline
 import common
 import numpy as np
-from common import env, evaluate, robot_model, share, values, walk_engine
+from common import env, evaluate, robot_model, values, walk_engine
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -248,8 +248,9 @@ def points(ended):
 
 
 def tune(world, seed):
-    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and what
-    the search returns. The trunk sways as much more or less as the pendulum does. ([5] used a tree-structured Parzen estimator.)
+    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and a
+    row for each generation. The trunk sways as much more or less as the pendulum does. ([5] used a
+    tree-structured Parzen estimator.)
     """
     start, robot = world.engine.parameters, world.engine.robot
     names = [name for name in SEARCH if world.sim == "mujoco" or name not in ONLY_3D]
@@ -425,19 +426,6 @@ def main(argv=None):
         print(in_words(measured))
         for name, off in zip(("mean", "DRIFT"), measure_drift(args.sim)):
             print(f"walked − planned [m, m, rad], {name}:", off.round(4))
-
-
-def found(data):
-    """Sentences by name, from the numbers of both simulators."""
-    limits = data["mujoco"]["limits"]
-    median, lowest = (1000 * height for height in limits["clearance"])  # [mm]
-    return {
-        "random": f"In 3-D {share(limits['stood'], 1)} of {RANDOM:,} robots walk a random plan "
-        "within the step limits without a fall.",
-        "clearance": "In the middle of its swing the lowest corner of a foot is "
-        f"{median:.1f} mm above the floor (median). The 5th percentile is {lowest:.1f} mm: in some "
-        "steps the foot drags.".replace("-", "−"),
-    }
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ episode is cut off after 200 steps, and nothing ends it before, so the critic ha
 
 Writes policy.pt, learning_curve.csv and learning_curve.png to runs/Pendulum-v1/. Rewards and
 returns are a tenth of Pendulum's own (see `gym_envs`). In the picture your return is the black
-line. The others are those of `tests/studies/ladder.py`: five learners, each without another part.
+line. The others are those of `tests/studies/ladder.py`: five learners, four of which lack a part.
 """
 
 import argparse

@@ -1,0 +1,421 @@
+"""The numbers in the sentences of the pages are those of the files in results/.
+
+Sentences are written by hand. An item of a list, or a paragraph that begins with *Found.*, ends with
+a mark if it has a number; other paragraphs may have one:
+
+    - The robot falls in 21 of 2,000 walks. <!-- kicks: pushed -->
+
+NUMBERS has for each mark the numbers of its sentence in the same order, also in lists; shares in
+percent.
+"""
+
+import re
+from decimal import Decimal
+from functools import cache
+
+import ablations
+import baseline
+import common
+import kicks
+import ladder
+import numpy as np
+import peers
+import pytest
+import seeds
+import transfer
+import walk
+from common import PER_SET, RESULTS, ROOT, STD, env, pick, ppo, robot_model, values
+
+PAGES = "README.md", "results/STUDIES.md", "results/mujoco/README.md", "results/pymunk/README.md"
+TEXTS = {page: (ROOT / page).read_text("utf-8") for page in PAGES}
+MARK = re.compile(r"<!-- ([^<>]+: [^<>]+) -->$")
+NO_NUMBER = re.compile(r"<!--.*?-->|`.*?`|\[.*?\]\(.*?\)|[23]-D|stages? \d|^\d+\. ")
+NUMBER = re.compile(r"−?\d+(?:,\d{3})*(?:\.\d+)?(?:e-\d+)?")
+
+
+# ------------------------------------------------------------------------ the checker
+def blocks(text):
+    """Items of lists and paragraphs, each in one line; without generated tables and code."""
+    text = re.sub(r"<!-- (\w+) -->\n.*?<!-- end -->|```.*?```", "", text, flags=re.DOTALL)
+    return [" ".join(block.split()) for block in re.split(r"\n\s*\n|\n(?=- |\d+\. |</)", text)]
+
+
+def agree(shown, value):
+    """Is this the value, rounded to as many decimals as are shown?"""
+    number = Decimal(shown.replace(",", "").replace("−", "-"))
+    unit = 10.0 ** number.as_tuple().exponent
+    return abs(float(number) - value) <= 0.500001 * unit
+
+
+def mistakes(texts, numbers):
+    """What is wrong in these pages (texts by name), a line each; numbers: as NUMBERS."""
+    seen = []
+    for page, block in ((page, block) for page, text in texts.items() for block in blocks(text)):
+        shown, mark = NUMBER.findall(NO_NUMBER.sub(" ", block)), MARK.search(block)
+        where = f"{page}: “{block}”"
+        if mark is None:
+            if shown and re.match(r"- |\d+\. |\*Found\.\*", block):
+                yield (
+                    f"{where} has numbers: end it with a mark, <!-- study: what -->, and put into "
+                    "NUMBERS of test_numbers.py from which file they come"
+                )
+            continue
+        seen.append(mark[1])
+        if mark[1] not in numbers:
+            yield f"{where}: its mark is not in NUMBERS of test_numbers.py"
+            continue
+        wanted = np.concatenate([*map(np.ravel, numbers[mark[1]]())]).tolist()
+        if len(shown) != len(wanted):
+            yield f"{where} shows the numbers {shown}, but NUMBERS has {wanted}"
+            continue
+        for one, value in zip(shown, wanted):
+            if not agree(one, value):
+                yield f"{where} shows {one}, but it is {value:.6g}: does the sentence still hold?"
+    yield from (f"no page has <!-- {mark} --> of NUMBERS" for mark in {*numbers} - {*seen})
+    yield from (f"<!-- {mark} --> is there twice" for mark in {*seen} if seen.count(mark) > 1)
+
+
+@pytest.mark.parametrize("text, complaint", [
+    ("- In 3-D (stage 4) 2,000 walks\n  take −3.4 s. <!-- a: b -->\n- [1](2) `3`\n\nOf 7.", ""),
+    ("*Found.* 2,000 walks take −3.4 s. <!-- a: b -->\n- Well.\n\n<!-- t -->\n- 5\n<!-- end -->", ""),
+    ("1. With 2,000.0 s: −3.449. <!-- a: b -->", "shows −3.449, but it is -3.4382"),
+    ("- 2,000 s, −3.43 s. <!-- a: b -->", "shows −3.43, but it is -3.4382"),
+    ("- 2,000 s, 3.4 s. <!-- a: b -->", "shows 3.4, but it is -3.4382"),
+    ("- 2,001 s, −3 s. <!-- a: b -->", "shows 2,001, but it is 2000"),
+    ("- 2e-06 s, −3 s. <!-- a: b -->", "shows 2e-06, but it is 2000"),
+    ("- 2,000 s, −3.4 and 1 s. <!-- a: b -->", "shows the numbers ['2,000', '−3.4', '1']"),
+    ("Of 2,000. <!-- a: b -->", "shows the numbers ['2,000'], but NUMBERS has [2000.0, -3.4382]"),
+    ("- 2,000 s, −3.4 s. <!-- a: b -->\n- Of 7.", "“- Of 7.” has numbers: end it with a mark"),
+    ("- 2,000 s, −3.4 s. <!-- a: b -->\n\n*Found.* 7", "“*Found.* 7” has numbers: end it with"),
+    ("- 2,000 s, −3.4 s. <!-- a: b --> More.", "has numbers: end it with a mark"),
+    ("- 2,000 s, −3.4 s. <!-- a: b -->\n- 7. <!-- a: c -->", "its mark is not in NUMBERS"),
+    ("Nothing.", "no page has <!-- a: b -->"),
+    (2 * "- 2,000 s, −3.4 s. <!-- a: b -->\n", "<!-- a: b --> is there twice"),
+])  # fmt: skip
+def test_a_wrong_number_or_a_missing_mark_is_found(text, complaint):
+    found = "\n".join(mistakes({"page.md": text}, {"a: b": lambda: [2000, -3.4382]}))
+    assert complaint in found if complaint else not found, found
+
+
+# ------------------------------------------------------------------------ the numbers
+@cache
+def read(sim, name):
+    return common.read_json(RESULTS / sim / f"{name}.json")
+
+
+def study(name, sim="mujoco"):
+    return read(sim, f"studies/{name}")
+
+
+def rows(name, part, sim="mujoco", **wanted):
+    """The rows of a study's part with these values."""
+    return pick(study(name, sim)[part]["rows"], **wanted)
+
+
+def column(key, *part, **wanted):
+    return values(rows(*part, **wanted), key)
+
+
+def fallen(*part, **wanted):
+    """In how many walks of these rows the robot fell, and of how many."""
+    return [sum(column(key, *part, **wanted)) for key in ("falls", "episodes")]
+
+
+def percent(*shares):
+    return [100 * share for share in shares]
+
+
+def ends(numbers):
+    return [min(numbers), max(numbers)]
+
+
+def evaluated(sim, key, **wanted):
+    return values(read(sim, "evaluation")["rows"], key, noise=True, **wanted)
+
+
+def against_expert(sim, std):
+    wanted = {"noise": True, "goal_std_m": std, "reference": "expert"}
+    return pick(read(sim, "evaluation")["ratios"], **wanted)[0]
+
+
+def saved(sim, std):
+    """How much less time the policy takes than the expert, and its interval [%]."""
+    row = against_expert(sim, std)
+    low, high = row["time_ratio_ci95"]
+    return percent(1 - row["time_ratio"], 1 - high, 1 - low)
+
+
+def mass():
+    robot = robot_model.RobotModel()
+    leg = robot.hip, robot.thigh, robot.shin, robot.foot
+    return robot.torso.mass + 2 * sum(link.mass for link in leg)
+
+
+def training(sim):
+    _, about = ppo.load_policy(RESULTS / sim / "policy.pt")
+    return [about["steps"], about["seed"]]
+
+
+def chosen(part):
+    return pick(study("baseline")[part]["finalists"], chosen=True)[0]
+
+
+def expert_and_policies():
+    expert, part = chosen("expert"), ("baseline", "policy")
+    times, falls = (ends(column(key, *part)) for key in ("time", "fall"))
+    walked = study("baseline")["expert"]["trials"]
+    return [expert["time"], 100 * expert["fall"], walked, len(rows(*part)), times, percent(*falls)]
+
+
+def distances():
+    names, part = ("policy", "baseline_tuned", "expert"), ("seeds", "distances")
+    times = np.array([column("time_mean", *part, planner=name) for name in names])
+    first = (times.argmin(0) == 0).sum()
+    return [ends(seeds.DISTANCES), first, max(seeds.DISTANCES), times[:, -1]]
+
+
+def far_falls(name):
+    walked = rows("seeds", "distances", planner=name)
+    return sum(row["falls"] for row in walked if row["distance"] >= seeds.FAR)
+
+
+def far():
+    falls = study("seeds")["distances"]["falls"]
+    found = [far_falls(name) for name in ("policy", "baseline_tuned", "expert")]
+    p = max(falls["p"], 0.001)  # p < 0.001
+    return [falls["walks"], seeds.FAR, found, p, far_falls(seeds.EXACT)]
+
+
+def plan():
+    wanted = {"distance": 2.0, "planner": seeds.EXACT}
+    (exact,) = rows("seeds", "distances", **wanted)
+    noisy = column("time_mean", "seeds", "distances", **wanted | {"planner": "policy"})
+    return [2, exact["plan"], exact["time_mean"], noisy]
+
+
+def trained():
+    """How many trainings there are, and how much less time they take than the expert [%]."""
+    ratios = column("over_expert", "seeds", "seeds", planner="policy", push=0.0)
+    less, more = percent(1 - max(ratios), 1 - min(ratios))
+    return len(ratios) // 2, less, more
+
+
+def falls_of_all(push):
+    """Of the policies of all trainings, and of the expert; the interval of the difference [%]."""
+    (more,) = pick(study("seeds")["seeds"]["more_falls"], push=push, other="expert")
+    names = "policy", "expert"
+    walked = [fallen("seeds", "seeds", planner=name, push=push) for name in names]
+    return *walked, percent(*more["more_falls_ci95"])
+
+
+def pushed_falls():
+    policies, expert, difference = falls_of_all(0.4)
+    return [trained()[0], policies, 0.4, expert, 95, difference]
+
+
+def error_over_claimed(number):
+    found = rows("seeds", "estimate", filter=[*seeds.FILTERS][number])
+    return ends([row[f"{axis}_ratio"] for row in found for axis in seeds.AXES])
+
+
+def pushed():
+    steps = {"world": kicks.FLAT, "push": 0.4}
+    names = "all", "reflex alone", "open loop"
+    return [0.4, EVERY, [fallen("kicks", "steps", **steps, answer=name) for name in names]]
+
+
+def hard():
+    falls = column("fall", "kicks", "pushes", speed=0.6)
+    return [0.6, EVERY, percent(*ends(falls))]
+
+
+def in_worlds(*names):
+    return np.sum([fallen("kicks", "worlds", world=name) for name in names], 0)
+
+
+def slow():
+    """Near goals with slow noise and with the usual one, of the policy, then of the expert."""
+    return [
+        column("time_mean", "kicks", "worlds", world=world, planner=planner, goal_std_m=NEAR)
+        for planner in ("policy", "expert")
+        for world in (kicks.SLOW, kicks.TRAINED)
+    ]
+
+
+def zeros():
+    exact, wrong = (
+        rows("kicks", "worlds", world=name, goal_std_m=FAR)[0] for name in [*kicks.WORLDS][-2:]
+    )
+    return [exact["time_mean"], 2 * ZERO, wrong["time_mean"], 100 * wrong["success"]]
+
+
+def harder(answer):
+    worlds = [column("fall", "kicks", "steps", world=name, answer=answer) for name in kicks.HARD]
+    return percent(*ends(np.ravel(worlds)))
+
+
+def short(key, *variants, part="ablations"):
+    """The means of short trainings."""
+    columns = (column(key, "ablations", part, "pymunk", variant=name) for name in variants)
+    return [np.mean(found) for found in columns]
+
+
+def policies():
+    names = "reference", "outputs α and β", "Gaussian policy, clipped", "learning rate 1e-3"
+    config = ablations.VARIANTS[names[-1]]["config"]
+    return [short("time_mean", *names), config.learning_rate]
+
+
+def robots():
+    first, more, quick = (own.get("config", ppo.PPOConfig()) for own in ablations.ROBOTS.values())
+    few, many, soon = short("time_mean", *ablations.ROBOTS, part="robots")
+    told = [first.num_envs, few, more.num_envs, many, quick.num_envs, quick.rollout, soon]
+    return [ablations.STEPS, told]
+
+
+def pendulum():
+    found = rows("ladder", "pendulum", "pymunk")
+    *others, last = (ends(ladder.last_returns(found, name)) for name in ladder.PENDULUM)
+    return [ladder.STEPS, others, 0, last]  # λ = 0
+
+
+def update():
+    keys = "cut_off", "weights_differ", "they_move_by", "they_vary_by", "advantages_differ"
+    return [peers.CFG.minibatch, [column(key, "peers", "exact", "pymunk") for key in keys]]
+
+
+def speed():
+    alone, *others = rows("cluster", "speed")
+    actors = [[int(row["training"].split()[0]), row[STEPS_PER_S]] for row in others]
+    return [[count for count, _ in actors], alone[STEPS_PER_S], actors]
+
+
+def elsewhere(case, push=0.0, planner="policy"):
+    """The row of far walks in another model or engine."""
+    wanted = {"case": case, "push": push, "planner": planner, "goal_std_m": FAR}
+    parts = study("transfer").values()
+    return pick([row for part in parts for row in part["rows"]], **wanted)[-1]
+
+
+def count(key, *case):
+    row = elsewhere(*case)
+    return [row[key] * row["episodes"], row["episodes"]]
+
+
+def engines():
+    return [
+        column("time_mean", "transfer", "bullet", case=case, planner=planner, **CALM_FAR)
+        for planner in ("policy", "expert")
+        for case in (transfer.BULLET, transfer.OWN)
+    ]
+
+
+def mended():
+    case = transfer.MENDED
+    off = [count("fall", f"{case}, {name}") for name in transfer.OFF]
+    return [count("success", case), 0.4, count("fall", case, 0.4), count("fall", case), off]
+
+
+def wrong_zeros():
+    case, largest = [*transfer.ZEROS.items()][-1]
+    arrived = (elsewhere(case, planner=name)["success"] for name in ("policy", "expert"))
+    return [largest / env.Spread.zero * ZERO, ZERO, percent(*arrived)]
+
+
+NEAR, FAR = STD.values()
+CALM_FAR = {"push": 0.0, "goal_std_m": FAR}
+EVERY = env.Task.push_every  # [s]
+ZERO = np.degrees(env.Spread.zero / 3**0.5)  # [°] σ of a number in ± zero
+STEPS_PER_S = "double_steps_per_second"
+NUMBERS = {
+    "evaluation: 2-D": lambda: [
+        evaluated("pymunk", "time_mean", planner=name, goal_std_m=NEAR)
+        for name in ("policy", "baseline_tuned", "baseline")
+    ],
+    "evaluation: expert": lambda: [
+        saved("mujoco", NEAR),
+        saved("mujoco", FAR),
+        95,
+        percent(*(against_expert("mujoco", FAR)[key] for key in ("faster", "slower"))),
+        saved("pymunk", NEAR),
+    ],
+    "evaluation: success": lambda: percent(min(evaluated("mujoco", "success"))),
+    "by hand: feet": lambda: [87, 100, 100, 10.4, 3.0],  # README has the commands
+    "by hand: pushes": lambda: [100, 19, 6, 23, 7],
+    "robot: mass": lambda: [mass(), 7.5],
+    "task: noise": lambda: [100 * env.Task.noise_m, np.degrees(env.Task.noise_rad)],
+    "mujoco: policy": lambda: [training("mujoco"), 22],  # minutes
+    "pymunk: policy": lambda: [training("pymunk"), 9],
+    "walk: limits": lambda: [
+        100 * study("walk")["limits"]["stood"],
+        walk.RANDOM,
+        1000 * study("walk")["limits"]["clearance"][0],  # [mm]
+        5,
+        1000 * study("walk")["limits"]["clearance"][1],
+    ],
+    "baseline: tuned": lambda: [
+        study("baseline")["paper"]["time"],
+        chosen("baseline_tuned")["time"],
+    ],
+    "baseline: expert": expert_and_policies,
+    "baseline: rule": lambda: [
+        sum(map(baseline.keeps, rows("baseline", "policy"))),
+        len(rows("baseline", "policy")),
+    ],
+    "search: times": lambda: evaluated("mujoco", "time_mean", planner="search"),
+    "seeds: distances": distances,
+    "seeds: far": far,
+    "seeds: plan": plan,
+    "seeds: pooled": lambda: [
+        fallen("seeds", "pooled", push=0.0, goal_std_m=std) for std in (NEAR, FAR)
+    ],
+    "seeds: pooled, pushed": lambda: [0.4, EVERY, fallen("seeds", "pooled", push=0.4)],
+    "seeds: trainings": lambda: [trained()[0], PER_SET, PER_SET, trained()[1:]],
+    "seeds: falls": lambda: [trained()[0], *falls_of_all(0.0)[:2], 95, falls_of_all(0.0)[2]],
+    "seeds: falls, pushed": pushed_falls,
+    "seeds: estimate": lambda: error_over_claimed(0),
+    "seeds: simpler filter": lambda: error_over_claimed(1),
+    "kicks: README": lambda: pushed() + hard(),
+    "kicks: pushed": pushed,
+    "kicks: blocks": lambda: [
+        [1000 * own["highest"], *in_worlds(name)] for name, own in kicks.BLOCKS.items()
+    ],
+    "kicks: floors": lambda: [
+        in_worlds("μ = 0.4", "μ = 0.7", "μ = 1.0"),
+        in_worlds("μ = 0.3 (trained: 0.4 to 1.0)", "μ = 1.2", "masses ± 20 % (± 10 %)"),
+    ],
+    "kicks: hard": hard,
+    "kicks: slow": slow,
+    "kicks: gyro": lambda: percent(
+        *column("fall", "kicks", "worlds", world="a gyro ten times worse")
+    ),
+    "kicks: zeros": zeros,
+    "kicks: harder worlds": lambda: [
+        len(kicks.HARD),
+        0.4,
+        harder("all"),
+        PER_SET,
+        harder("reflex alone"),
+    ],
+    "ablations: rewards": lambda: [
+        percent(*short("success", "without r_d")),
+        short("time_mean", *(f"without r_{name}" for name in "aoc")),
+    ],
+    "ablations: policy": policies,
+    "ablations: robots": robots,
+    "ladder: pendulum": pendulum,
+    "peers: update": update,
+    "cluster: speed": speed,
+    "transfer: models": lambda: [
+        count("success", transfer.BULLET),
+        count("success", transfer.PUBLISHED),
+    ],
+    "transfer: engines": engines,
+    "transfer: answers": mended,
+    "transfer: zeros": wrong_zeros,
+}
+
+
+def test_the_numbers_of_the_pages_are_those_of_the_files():
+    found = [*mistakes(TEXTS, NUMBERS)]
+    assert not found, "\n".join(found)
