@@ -229,6 +229,20 @@ def test_an_evolution_strategy_learns_along_which_valley_to_go():
     assert last[0] / last[1:].mean() < 0.3 * first[0] / first[1:].mean(), "narrow across the valley"
 
 
+def test_planners_at_once_walk_as_each_of_them_alone():
+    planners = [
+        evaluate.BaselinePlanner(),
+        evaluate.BaselinePlanner(evaluate.TUNED_BASELINE["pymunk"]),
+    ]
+    world = common.world("pymunk", num_robots=8)
+    both = common.calm_and_pushed(planners, [world], 7)
+    for planner, found in zip(planners, both):
+        (alone,) = common.calm_and_pushed([planner], [common.world("pymunk", num_robots=4)], 7)
+        for name, part in found.items():
+            assert part.tolist() == alone[name].tolist(), name
+    assert both[0]["time"].tolist() != both[1]["time"].tolist()
+
+
 def test_a_search_of_the_walk_draws_walks_and_begins_with_the_one_in_use(monkeypatch):
     world, seen = common.world("mujoco", num_robots=1), []
     now = world.engine.parameters

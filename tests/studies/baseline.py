@@ -106,14 +106,17 @@ def choose(rows):
 def searched(args, planner_of, now):
     """The whole search, from the settings on that are in use, `now`: values by name."""
     world, start = common.world(args.sim), [*now.values()]
-    worlds = [common.world(args.sim, num_robots=n, push=push) for push, n in WALKS.items()]
+    worlds = [
+        common.world(args.sim, num_robots=common.CANDIDATES * n, push=push)
+        for push, n in WALKS.items()
+    ]
     ends, curve = [start], []
 
     def plain(x):
         return np.exp(x).round(4).tolist()
 
-    def walked(x, trial):
-        return common.calm_and_pushed(planner_of(plain(x)), worlds, trial)
+    def walked(drawn, trial):
+        return common.calm_and_pushed([planner_of(plain(x)) for x in drawn], worlds, trial)
 
     for restart in range(RESTARTS):
         x, rows = common.search(

@@ -12,6 +12,7 @@ pages; `test_numbers.py` compares its numbers.
 import itertools
 import json
 import sys
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from unittest import mock
@@ -315,8 +316,9 @@ def cma_es(costs, mean, spread, population, rng, low=-np.inf, high=np.inf):
 def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
     """A search by `cma_es`, until its candidates have taken so many double steps.
 
-    walked(x [n], trial) -> as `evaluate`; cost(that) -> the number to be made small. In a generation
-    all candidates walk in the same worlds, those of a number `trial`; in the next one in others.
+    walked(drawn [candidates, n], trial) -> a list of what `evaluate` returns; cost(such an element) ->
+    the number to be made small. In a generation all candidates walk in the same worlds, those of a
+    number `trial`; in the next one in others.
     Returns the last mean [n], and a row for each generation.
     """
     rows = []
@@ -325,7 +327,7 @@ def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
         taken = rows[-1]["steps"] if rows else 0
         if taken >= budget:
             return None
-        ends = [walked(x, 1000 * (1 + seed) + generation) for x in tqdm(drawn, leave=False)]
+        ends = walked(drawn, 1000 * (1 + seed) + generation)
         found = [cost(ended) for ended in ends]
         falls = sum(int(fell(ended).sum()) for ended in ends)
         taken += sum(int(ended["steps"].sum()) for ended in ends)
@@ -347,16 +349,51 @@ def draw_search(axes, curve):
     axes.legend()
 
 
-def calm_and_pushed(planner, worlds, trial):
-    """Lets robots walk in all these worlds, half of them to near and half to far goals of this number
-    of the tuning stream. Returns what `evaluate` does, of all together."""
+class Crowd:
+    """Several planners in one world, which is quicker than one after the other: planner k moves the
+    robots n·k to n·k + n − 1."""
+
+    def __init__(self, planners, n):
+        self.planners, self.n = planners, n
+
+    def reset(self, num_robots):
+        for planner in self.planners:
+            planner.reset(self.n)
+
+    def act(self, view):
+        actions = np.empty_like(view.last_action)
+        for k, planner in enumerate(self.planners):
+            own = view.robots // self.n == k
+            if own.any():
+                names = "robots", "goal", "observation", "last_action"
+                rows = {name: getattr(view, name)[own] for name in names}
+                rows["robots"] -= self.n * k
+                actions[own] = planner.act(replace(view, **rows))
+        return actions
+
+
+def at_once(planners, world, goals, trial):
+    """Lets each planner walk to these goals [n, 3] of a number of the tuning stream, in the same
+    random worlds. Returns a list of what `evaluate` does. The world has a robot for each of them."""
+    n, stream = len(goals), env.stream
+    trials = evaluate.Trials(np.tile(goals, (len(planners), 1)), trial, "tuning")
+    with mock.patch.object(env, "stream", lambda name, seed, i: stream(name, seed, i % n)):
+        ended = evaluate.evaluate(Crowd(planners, n), world, trials)
+    return [
+        {name: part[k : k + n] for name, part in ended.items()}
+        for k in range(0, len(trials.goals), n)
+    ]
+
+
+def calm_and_pushed(planners, worlds, trial):
+    """Lets each planner walk in all these worlds, half of its robots to near and half to far goals of
+    this number of the tuning stream. Returns a list of what `evaluate` does, of all together."""
     parts = []
     for one in worlds:
-        half = len(one.goal) // 2
+        half = len(one.goal) // len(planners) // 2
         goals = [evaluate.draw_trials(trial, half, far, "tuning").goals for far in STD]
-        trials = evaluate.Trials(np.concatenate(goals), trial, "tuning")
-        parts.append(evaluate.evaluate(planner, one, trials))
-    return together(parts)
+        parts.append(at_once(planners, one, np.concatenate(goals), trial))
+    return [together(ends) for ends in zip(*parts)]
 
 
 WHAT = {  # README's planners, and what they are

@@ -126,9 +126,9 @@ def tuned_for(world):
     start = vars(evaluate.TUNED_BASELINE[world.sim]).copy()
     del start["share"]
 
-    def walked(x, trial):
-        trials = evaluate.draw_trials(trial, len(world.goal), purpose="tuning")
-        return evaluate.evaluate(baseline.tuned_of(np.exp(x)), world, trials)
+    def walked(drawn, trial):
+        goals = evaluate.draw_trials(trial, len(world.goal) // len(drawn), purpose="tuning").goals
+        return common.at_once([baseline.tuned_of(x) for x in np.exp(drawn)], world, goals, trial)
 
     def cost(ended):
         return baseline.cost(baseline.facts(ended) | {"still_there": 1.0})
@@ -156,7 +156,7 @@ def study_rungs(args):
         own = {name: value for name, value in settings.items() if name != "model"}
         planners = {"baseline": evaluate.BaselinePlanner()}
         if not k:
-            world = common.world(args.sim, num_robots=48, **own)
+            world = common.world(args.sim, num_robots=common.CANDIDATES * 48, **own)
             tuned = kept(folder / "tuned.json", tuned_for, world)
             planners["baseline_tuned"] = baseline.tuned_of(tuned)
         for seed in (0, 1, 2) if k in (0, len(RUNGS) - 1) else (0,):

@@ -18,6 +18,7 @@ import baseline
 import common
 import numpy as np
 from common import env, evaluate, robot_model, values, walk_engine
+from tqdm import tqdm
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
 # The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
@@ -239,7 +240,7 @@ def walked(world, parameters, trial, count=WALKS):
     worlds = [
         env.FootstepWorld(2 * count, world.sim, True, push, **own) for push in (0.0, baseline.PUSH)
     ]
-    return common.calm_and_pushed(planner, worlds, trial)
+    return common.calm_and_pushed([planner], worlds, trial)[0]
 
 
 def points(ended):
@@ -266,8 +267,8 @@ def tune(world, seed):
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
         return replace(new, trunk_swing=round(float(share), 4))
 
-    def walk(x, trial):
-        return walked(world, changed(x), trial)
+    def walk(drawn, trial):
+        return [walked(world, changed(x), trial) for x in tqdm(drawn, leave=False)]
 
     x, curve = common.search(walk, points, mean, (high - low) / 8, BUDGET, seed, low, high)
     return changed(x), curve
