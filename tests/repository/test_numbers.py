@@ -13,13 +13,11 @@ import re
 from decimal import Decimal
 from functools import cache
 
-import ablations
 import baseline
 import common
 import kicks
 import ladder
 import numpy as np
-import peers
 import pytest
 import seeds
 import transfer
@@ -156,6 +154,13 @@ def training(sim):
     return [about["steps"], about["seed"]]
 
 
+def tuned_walk():
+    found = rows("walk", "tune")
+    points, falls = values(found, "points"), values(found, "falls")
+    best = np.argmin(points)
+    return [walk.BUDGET, points[1:], points[0], falls[0], 4 * walk.FRESH, falls[best]]
+
+
 def chosen(part):
     return pick(study("baseline")[part]["finalists"], chosen=True)[0]
 
@@ -254,34 +259,18 @@ def harder(answer):
     return percent(*ends(np.ravel(worlds)))
 
 
-def short(key, *variants, part="ablations"):
-    """The means of short trainings."""
-    columns = (column(key, "ablations", part, "pymunk", variant=name) for name in variants)
-    return [np.mean(found) for found in columns]
-
-
-def policies():
-    names = "reference", "outputs α and β", "Gaussian policy, clipped", "learning rate 1e-3"
-    config = ablations.VARIANTS[names[-1]]["config"]
-    return [short("time_mean", *names), config.learning_rate]
-
-
-def robots():
-    first, more, quick = (own.get("config", ppo.PPOConfig()) for own in ablations.ROBOTS.values())
-    few, many, soon = short("time_mean", *ablations.ROBOTS, part="robots")
-    told = [first.num_envs, few, more.num_envs, many, quick.num_envs, quick.rollout, soon]
-    return [ablations.STEPS, told]
+def without(name):
+    """How much more time the walks take without this part: near and far, in 3-D and in 2-D [%]."""
+    found = (
+        column("time_over_all", "ladder", "without", sim, without=name) for sim in common.BEFORE
+    )
+    return [100 * (ratio - 1) for ratios in found for ratio in ratios]
 
 
 def pendulum():
     found = rows("ladder", "pendulum", "pymunk")
     *others, last = (ends(ladder.last_returns(found, name)) for name in ladder.PENDULUM)
-    return [ladder.STEPS, others, 0, last]  # λ = 0
-
-
-def update():
-    keys = "cut_off", "weights_differ", "they_move_by", "they_vary_by", "advantages_differ"
-    return [peers.CFG.minibatch, [column(key, "peers", "exact", "pymunk") for key in keys]]
+    return [60_000, others, 0, last]  # λ = 0
 
 
 def speed():
@@ -353,6 +342,7 @@ NUMBERS = {
         5,
         1000 * study("walk")["limits"]["clearance"][1],
     ],
+    "walk: tune": tuned_walk,
     "baseline: tuned": lambda: [
         study("baseline")["paper"]["time"],
         chosen("baseline_tuned")["time"],
@@ -397,14 +387,19 @@ NUMBERS = {
         PER_SET,
         harder("reflex alone"),
     ],
-    "ablations: rewards": lambda: [
-        percent(*short("success", "without r_d")),
-        short("time_mean", *(f"without r_{name}" for name in "aoc")),
+    "ladder: critic": lambda: [0, without("critic (V = 0)")],
+    "ladder: clipping": lambda: without("clipping (ε = ∞)"),
+    "ladder: λ": lambda: [1, without("λ below 1 (λ = 1)")],
+    "ladder: r_c": lambda: [
+        np.negative(without("r_c")),
+        [
+            *fallen("ladder", "without", without="r_c"),
+            fallen("ladder", "without", without="nothing")[0],
+        ],
     ],
-    "ablations: policy": policies,
-    "ablations: robots": robots,
+    "ladder: action before": lambda: np.negative(without("action before the last")),
+    "ladder: worlds": lambda: np.negative(without("random worlds in training")),
     "ladder: pendulum": pendulum,
-    "peers: update": update,
     "cluster: speed": speed,
     "transfer: models": lambda: [
         count("success", transfer.BULLET),
