@@ -93,6 +93,7 @@ def ground(mu):
 
 
 TRAINED, SLOW = "as trained", "noise of the goal lasts for seconds"
+ZEROS = "joint zeros, σ 1°"
 WORLDS = {  # settings of the world
     TRAINED: {},
     "μ = 0.4": ground(0.4),
@@ -105,7 +106,7 @@ WORLDS = {  # settings of the world
     "a gyro ten times worse": {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
     SLOW: {"kind": SlowNoise},
     "exact joint zeros (σ 0.5°)": {"spread": env.Spread(zero=0.0)},
-    "joint zeros, σ 1°": {"spread": env.Spread(zero=2 * env.Spread.zero)},
+    ZEROS: {"spread": env.Spread(zero=2 * env.Spread.zero)},
 }
 BLOCKS = {
     f"blocks up to {height} mm": {"kind": Blocks, "physics": BlocksSim, "highest": height / 1000}
@@ -114,12 +115,12 @@ BLOCKS = {
 
 
 def study_worlds(args):
-    """Rows of the policy in every world, and in two of its opponents: 500 near and 1,000 far walks
+    """Rows of the policy in every world, and in three of them its opponents: 500 near and 1,000 far walks
     each, on seeds of `seeds.py`."""
     policy, rows = {"policy": common.shipped(args.sim)}, []
     for title, settings in (WORLDS | (BLOCKS if args.sim == "mujoco" else {})).items():
         world = common.world(args.sim, **settings)
-        others = common.opponents(args.sim) if title in (TRAINED, SLOW) else {}
+        others = common.opponents(args.sim) if title in (TRAINED, SLOW, ZEROS) else {}
         for far, (name, planner) in product((False, True), (policy | others).items()):
             ended = common.walks(planner, world, far, 1 + far, seeds.POOLED_FIRST)
             rows.append(common.row_of(ended, name, far, world=title))
