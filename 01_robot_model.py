@@ -945,8 +945,9 @@ def main():
     args = stage_parser(__doc__).parse_args()
     out = output_folder(args)
     if args.sim == "mujoco":
-        # In a viewer it begins with straight legs, and drops by 2 cm
+        # In the viewer the robot begins with straight legs, and drops by 2 cm
         write_text(out / "robot.xml", mujoco_xml(ROBOT, 0.45))
+        print(f"python -m mujoco.viewer --mjcf={out / 'robot.xml'}   shows the robot")
     standing = stance(ROBOT, SIMULATORS[args.sim].planar)
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
