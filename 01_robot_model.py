@@ -68,9 +68,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-if "matplotlib_inline" in os.environ.get("MPLBACKEND", "") and "IPython" not in sys.modules:
-    del os.environ["MPLBACKEND"]  # of a notebook that starts this script, maybe without its package
-
 import matplotlib
 import mujoco.rollout
 import numpy as np
@@ -429,9 +426,8 @@ class Simulator:
         self.standing = standing  # torso [6], joints [12], see `stance`
         self.body = Body.as_model(robot, num_robots)
         self.state = np.zeros((num_robots, 21))
-        self.chosen, self.sent = np.zeros(
-            (2, num_robots, 12)
-        )  # last tick's target; what was sent [rad]
+        # [N, 12] [rad] last tick's target; what was sent
+        self.chosen, self.sent = np.zeros((2, num_robots, 12))
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin, with this Body; None: that of the model."""
@@ -503,12 +499,14 @@ def leg_xml(robot, leg, side):
         )
 
     return f"""
-      <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}">
+      <body name="{leg} hip" pos="0 {side * robot.hip_y} {robot.hip_z}" childclass="{leg}">
         {inertial(robot.hip, side)} {joint(0)} {joint(1)}
         <body name="{leg} thigh" pos="{robot.hip_x} 0 0">
           {inertial(robot.thigh, side)} {joint(2)}
+          <geom type="capsule" fromto="0 0 0 0 0 {-robot.thigh_length}" size="0.036" mass="0"/>
           <body name="{leg} shin" pos="0 0 {-robot.thigh_length}">
             {inertial(robot.shin, side)} {joint(3)}
+            <geom type="capsule" fromto="0 0 0 0 0 {-robot.shin_length}" size="0.029" mass="0"/>
             <body name="{leg} foot" pos="0 0 {-robot.shin_length}">
               {inertial(robot.foot, side)} {joint(4)} {joint(5)}
               <geom name="{leg} sole" type="box"
@@ -522,9 +520,9 @@ def leg_xml(robot, leg, side):
       </body>"""
 
 
-def mujoco_xml(robot):
-    """The robot in MJCF. Each motor is a position servo (it drives its joint to a target
-    angle) with a torque-speed line:
+def mujoco_xml(robot, height=0):
+    """The robot in MJCF; height [m]: where the torso is while its z is 0, as a viewer begins. Each
+    motor is a position servo (it drives its joint to a target angle) with a torque-speed line:
 
         τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇
 
@@ -539,7 +537,7 @@ def mujoco_xml(robot):
     torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll.
         Each moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll
         turn about the same axis, and the physics may diverge. The robot has fallen long before.)
-    contype 0: only the listed pairs of shapes can touch.
+    contype 0: only the listed pairs of shapes can touch. All others are to be looked at.
     condim 3: a contact has one normal force and two friction forces, each with its μ."""
     motors = ""
     for leg in ("left", "right"):
@@ -556,13 +554,15 @@ def mujoco_xml(robot):
         <flag warmstart="disable" island="disable" autoreset="disable"/>
       </option>
       <default>
-        <geom contype="0" conaffinity="0"/>
+        <geom contype="0" conaffinity="0" rgba="0.8 0.8 0.8 1"/>
+        <default class="left"> <geom rgba="0.12 0.47 0.71 1"/> </default>
+        <default class="right"> <geom rgba="1 0.5 0.05 1"/> </default>
         <pair condim="3" friction="{robot.friction} {robot.friction} 0 0 0"/>
         <position kp="{robot.stiffness}"/>
       </default>
       <worldbody>
-        <geom name="ground" type="plane" size="0 0 1"/>
-        <body name="torso">
+        <light pos="0 0 3"/> <geom name="ground" type="plane" size="0 0 1"/>
+        <body name="torso" pos="0 0 {height}">
           <joint type="slide" axis="1 0 0"/>
           <joint type="slide" axis="0 1 0"/>
           <joint type="slide" axis="0 0 1"/>
@@ -570,6 +570,8 @@ def mujoco_xml(robot):
           <joint axis="0 1 0"/>
           <joint axis="1 0 0"/>
           {inertial(robot.torso)}
+          <geom type="capsule" fromto="0 0 0.05 0 0 0.24" size="0.085" mass="0"/>
+          <geom type="sphere" pos="0 0 0.36" size="0.055" mass="0"/>
           {leg_xml(robot, "left", 1)} {leg_xml(robot, "right", -1)}
         </body>
       </worldbody>
@@ -942,6 +944,10 @@ def start(main):
 def main():
     args = stage_parser(__doc__).parse_args()
     out = output_folder(args)
+    if args.sim == "mujoco":
+        # In the viewer the robot begins with straight legs, and drops by 2 cm
+        write_text(out / "robot.xml", mujoco_xml(ROBOT, 0.45))
+        print(f"python -m mujoco.viewer --mjcf={out / 'robot.xml'}   shows the robot")
     standing = stance(ROBOT, SIMULATORS[args.sim].planar)
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
     joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s

@@ -348,9 +348,6 @@ class FootstepWorld:
         spread=Spread(),
         robot=robot_model.ROBOT,
     ):
-        tables = robot_model.SIMULATORS, walk_engine.TUNED, LIMITS, DRIFT
-        if not all(sim in table for table in tables):
-            raise robot_model.InputError(f"no row of {sim!r} in SIMULATORS, TUNED, LIMITS or DRIFT")
         self.limits = limits or LIMITS[sim]
         self.drift = drift or DRIFT[sim]
         self.sim = sim

@@ -10,6 +10,7 @@ from importlib import import_module
 from itertools import combinations, product
 from pathlib import Path
 from unittest import mock
+from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -309,6 +310,38 @@ def test_both_simulators_have_the_soles_of_the_table_and_nothing_else_touches():
         close(sorted(planar.get_vertices()), sorted(product(x, z)), "x, z, seen from the ankle")
     touching = {tuple(model.geom(geom).name for geom in sorted(pair)) for pair in data.contact.geom}
     assert touching == {*combinations(("ground", "left sole", "right sole"), 2)}
+
+
+def test_shapes_to_be_looked_at_change_no_motion():
+    """Robots that walk, and some that are pushed over, move the same without limbs, bit for bit."""
+    shapes = set()
+
+    class Bare(robot_model.MujocoSim):
+        def build(self, robot):
+            xml = ElementTree.fromstring(robot_model.mujoco_xml(robot))
+            for parent in xml.findall("worldbody//body"):
+                for geom in parent.findall("geom"):
+                    if "sole" not in geom.get("name", ""):
+                        parent.remove(geom)
+                        shapes.add(parent.get("name"))
+            return mujoco.MjModel.from_xml_string(ElementTree.tostring(xml, "unicode"))
+
+    n, p, motions = 6, walk_engine.TUNED["mujoco"], []
+    for kind in Bare, robot_model.MujocoSim:
+        engine = walk_engine.WalkEngine(n, p, ROBOT)
+        simulator = kind(n, engine.stance, ROBOT)
+        simulator.reset(np.arange(n), bodies(n))
+        for _ in range(3):
+            plan = engine.plan(np.tile([[0.1, 0.02, 0.1], [0.1, 0, -0.1]], (n, 1, 1)), np.arange(n))
+            disturbance = robot_model.Disturbance.none(plan)
+            disturbance.push[:, :5, 1] = np.linspace(0, 150, n)[:, None]
+            motions.append(run(simulator, plan, disturbance))
+    limbs = {f"{side} {limb}" for side in ("left", "right") for limb in ("thigh", "shin")}
+    assert shapes == limbs | {"torso"}, "each of these can be seen"
+    assert 0 < motions[-1].fell.sum() < n, "some should fall, and others walk"
+    for bare, whole in zip(motions[:3], motions[3:]):
+        for name, values in vars(whole).items():
+            equal(values, getattr(bare, name), f"{name}: no mass, no contact")
 
 
 @ROBOTS

@@ -775,6 +775,21 @@ def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
     assert world.sim == ("mujoco" if "--mujoco" in arguments else "pymunk")
 
 
+def test_each_setting_but_the_layers_is_a_flag(monkeypatch, capsys):
+    called = mock.Mock(return_value=(None, []))
+    monkeypatch.setattr(ppo, "train", called)
+    monkeypatch.setattr(ppo, "plot_learning_curve", mock.Mock())
+    others = {name: 2 * value for name, value in vars(PPOConfig()).items() if name != "hidden"}
+    ppo.main([f"--{name}={value}" for name, value in others.items()])
+    assert called.call_args.args[0] == PPOConfig(**others)
+    for flag in "--hidden=8", "--rollout=1.5", "--gamma=high", "--minibatch=0", "--num_envs=-1":
+        with pytest.raises(SystemExit, match="2"):
+            ppo.main([flag])
+        name, _ = flag.split("=")
+        assert name in capsys.readouterr().err.splitlines()[-1], "say which flag is wrong"
+    called.assert_called_once()
+
+
 def test_the_pendulum_of_the_course_is_another_task_for_the_same_learner(monkeypatch):
     pendulum = import_module("starters.pendulum")
     envs = pendulum.gym_envs(2)

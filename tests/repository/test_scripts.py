@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from unittest import mock
 
 import matplotlib.image
+import mujoco
 import numpy as np
 import pytest
 from checks import close
@@ -50,12 +51,25 @@ def check_picture(path):
     assert coloured > 0.005, f"{path}: only {coloured:.2%} of it has a colour: are the axes empty?"
 
 
+def check_model(path):
+    """MuJoCo's viewer can open the file; there our robot stands, before and after two seconds."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    robot = import_module("01_robot_model").ROBOT
+    leg = robot.hip.mass + robot.thigh.mass + robot.shin.mass + robot.foot.mass
+    close(model.body_mass.sum(), robot.torso.mass + 2 * leg, "shapes to look at have no mass")
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, round(2 / model.opt.timestep))
+    close(data.qpos, 0, "at first a viewer sets all joints and targets to 0", atol=0.05)
+    high = robot.ankle_height + robot.shin_length + robot.thigh_length - robot.hip_z
+    close(data.body("torso").xpos[2], high, "on straight legs, on the floor", atol=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("script, flags, said, files", [
     ("01_robot_model.py", ["--out", "../a new/one"], "smallest lean of a fall: 0",
      ["a new/one/01_robot.png"]),
     ("01_robot_model.py", ["--mujoco"], "smallest lean of a fall: 0",
-     ["here/runs/mujoco/01_robot.png"]),
+     ["here/runs/mujoco/01_robot.png", "here/runs/mujoco/robot.xml"]),
     ("02_walk_engine.py", [], r"sideways +0\.00 +0\.48[^\n]* no\n",  # commanded, fell
      [f"here/runs/pymunk/02_{name}.png" for name in ("plan", "push", "walk")]),
     ("03_env.py", [], "distance d.*right yaw, last action.*random: .* [1-9][0-9]* falls.*"
@@ -69,7 +83,10 @@ def test_demonstrations_of_the_first_stages(tmp_path, script, flags, said, files
     written = [path for path in tmp_path.rglob("*") if path.is_file()]
     assert sorted(path.relative_to(tmp_path).as_posix() for path in written) == files
     for path in written:
-        check_picture(path)
+        if path.suffix == ".png":
+            check_picture(path)
+        else:
+            check_model(path)
 
 
 README = (ROOT / "README.md").read_text("utf-8")
@@ -117,11 +134,10 @@ def test_train_a_little_then_evaluate(tmp_path, monkeypatch, capsys):
     """04 in this process, with few robots and short episodes; 05 on all cores in another one."""
     monkeypatch.chdir(tmp_path)
     ppo = import_module("04_ppo")
-    small = partial(ppo.PPOConfig, num_envs=8, rollout=8, minibatch=32)
     short = partial(ppo.env.FootstepVectorEnv, task=ppo.env.Task(time_limit=2.0))
-    monkeypatch.setattr(ppo, "PPOConfig", small)
     monkeypatch.setattr(ppo.env, "FootstepVectorEnv", short)
-    main_of("04_ppo.py", monkeypatch, "--steps", 512, "--seed", 1, "--out", "train")
+    flags = "--steps 512 --num_envs 8 --rollout 8 --minibatch 32 --seed 1 --out train"
+    main_of("04_ppo.py", monkeypatch, *flags.split())
     policy = Path("train", "policy.pt")
     said = capsys.readouterr().out
     assert f'python 05_evaluate.py --noise --policy "{policy}"' in said, "say how to go on"
@@ -215,7 +231,8 @@ def test_the_notebook_has_no_outputs_and_installs_what_the_stages_need():
 @pytest.mark.parametrize("script, arguments, mention", [
     ("01_robot_model.py", "--seed -1", "--seed must be 0 or more"),
     ("04_ppo.py", "--out a_file/sub --steps 1", "a_file"),
-    ("04_ppo.py", "--steps 0", "--steps from 1"),
+    ("04_ppo.py", "--steps 0", "--steps.* from 1"),
+    ("04_ppo.py", "--rollout many", "--rollout: invalid int value: 'many'"),
     ("05_evaluate.py", "--episodes 0", "--episodes .* from 1"),
     ("05_evaluate.py", "--jobs 0", "--jobs from 1"),
     ("05_evaluate.py", "--push nan", "--push and --friction from 0"),
@@ -249,8 +266,8 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page, monkeypatch, 
             main_of(name, monkeypatch, "--help")
         usage, about, _ = capsys.readouterr().out.partition("\nStage ")
         assert about, f"--help of {name} says what the stage is about"
-        known = re.findall(r"--[a-z-]+", usage)
-        assert {*re.findall(r"--[a-z-]+", told)} <= {*known}, f"{page}: `{name}{told}`"
+        known = re.findall(r"--[a-z_-]+", usage)
+        assert {*re.findall(r"--[a-z_-]+", told)} <= {*known}, f"{page}: `{name}{told}`"
     for path in re.findall(r"tests/[\w/]+\.py", text):
         assert (ROOT / path).is_file(), f"{page} names {path}, which does not exist"
 
