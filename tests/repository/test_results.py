@@ -99,11 +99,9 @@ def test_the_planner_of_readme_gets_there(tmp_path):
 
 # ------------------------------------------------------------------------ the table
 @BOTH
-def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
+def test_the_evaluation_has_all_rows_and_meets_its_targets(sim):
     evaluation = shipped(sim, "evaluation.json")
     rows = {(row["planner"], row["noise"], row["goal_std_m"]): row for row in evaluation["rows"]}
-    table = (RESULTS / sim / "table.md").read_text("utf-8")
-    assert table == evaluate.table(evaluation["rows"], evaluation["ratios"])
     assert evaluation["friction"] is None and evaluation["sim"] == sim
     names = "policy", "baseline", "baseline_tuned", "search", "expert"
     kinds = [*product((False, True), (0.5, 1.0))]  # noise, σ of the goals [m]
