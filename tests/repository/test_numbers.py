@@ -367,7 +367,7 @@ NUMBERS = {
     "seeds: falls, pushed": pushed_falls,
     "seeds: estimate": lambda: error_over_claimed(0),
     "seeds: simpler filter": lambda: error_over_claimed(1),
-    "kicks: README": lambda: [pushed()[:2], *pushed()[2][::2], hard()[2], hard()[0]],
+    "kicks: README": lambda: [pushed()[:2], *pushed()[2][::2], *hard()[::2]],
     "kicks: pushed": pushed,
     "kicks: blocks": lambda: [
         [1000 * own["highest"], *in_worlds(name)] for name, own in kicks.BLOCKS.items()
