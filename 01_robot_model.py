@@ -2,19 +2,18 @@
 
 Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
 II-a, a simulated biped with position-controlled joints. The robot is [6]. Sections and references
-have the paper's numbers. (`tests/exercises/ledger.md` compares this repository with the paper.)
+have the paper's numbers. `tests/exercises/ledger.md` leads from each part of the paper to the code.
 
-    python 01_robot_model.py             2-D (pymunk): sagittal plane + yaw
-    python 01_robot_model.py --mujoco    3-D (MuJoCo)
+    python 01_robot_model.py             2-D (pymunk), 4 seconds
+    python 01_robot_model.py --mujoco    3-D (MuJoCo), 8 seconds
 
-The planar robot, in 2-D, has six joints and real contact: in the sagittal plane (forward and up) it
-stands, slips and falls as the physics says. Sideways it moves as commanded, and it turns as
-commanded. In 3-D the robot has twelve joints, and all of its motion is simulated.
+In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it has six joints: it
+moves forward and up, and stands, slips and falls as the physics says. Sidesteps and turns are as
+commanded. This is the planar robot.
 
-101 robots stand for a second. Then each of them turns forward about its ankles, by a lean of its
-own, between 0.25 and 0.35 rad, within eight simulated seconds, and waits for three seconds.
-`runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. Predict this lean, as
-`tests/exercises/predict.md`, *lean*, shows. The stage takes 4 seconds (in 3-D 8).
+101 robots lean forward from their ankles, slowly, each by an angle of its own between 0.25 and 0.35
+rad. `runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. Predict this lean, as
+`tests/exercises/predict.md`, *lean*, shows.
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
 (from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
@@ -44,12 +43,12 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
     ankle pitch       y     lowers the toes
     ankle roll        x     lifts the left edge of the sole
 
-Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule (the thumb
-along the axis). A positive pitch turns z towards x, so the torso leans forward. The twelve joints
-are those of the left leg, then those of the right leg, each in the order of the table. Trunk and
-torso mean the same part of the robot: the trunk is where it is commanded to be, the torso is where
-it truly is. A control tick takes 0.01 s, and gives each motor a new target. Letters in the shapes
-of arrays: N all robots; n or k some of them; K moments; T ticks. `robots` are indices of robots.
+Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule: the thumb
+points along the axis. A positive pitch turns z towards x, so the torso leans forward. The joints of
+the left leg come first, then those of the right leg, each in the order of the table. Trunk and
+torso are the same part of the robot: the trunk is where it is commanded to be, the torso where it
+truly is. A control tick takes 0.01 s, and gives each motor a new target. Letters in the shapes of
+arrays: N all robots; n or k some of them; K moments; T ticks. `robots` are indices of robots.
 
 The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
 torso's tilt and turning rates. Left out: all other sensors, arms and head (their mass is in the
@@ -67,6 +66,9 @@ from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+
+if "matplotlib_inline" in os.environ.get("MPLBACKEND", "") and "IPython" not in sys.modules:
+    del os.environ["MPLBACKEND"]  # of a notebook that starts this script, maybe without its package
 
 import matplotlib
 import mujoco.rollout

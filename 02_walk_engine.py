@@ -1,42 +1,38 @@
 """Stage 2: how do two footsteps become a walk?
 
-The paper uses the walk engine of [5]: quintic splines (polynomials of degree 5, joined smoothly)
-for the swing foot and the trunk, inverse kinematics by formulas (from the poses of feet and trunk
-to joint angles), and parameters found by optimisation. We add three answers to what the IMU
-measures; in the paper they are future work (see `WalkPlan`). A reflex moves the ankles. A capture
+    python 02_walk_engine.py             a plan, four walks, pushes in 2-D; 4 seconds
+    python 02_walk_engine.py --mujoco    the same in 3-D
+
+We use the walk engine of the paper, [5]. The swing foot and the trunk move along quintic splines:
+polynomials of degree 5, joined smoothly. Inverse kinematics turns the poses of feet and trunk into
+joint angles. An optimisation has found the parameters. We add three answers to what the IMU
+measures, see `WalkPlan`; in the paper they are future work. A reflex moves the ankles. A capture
 step moves the landing of a foot to where the robot leans. Waiting lets a step take longer. In 3-D
 all three are on. In 2-D the last two gain nothing in walks to a goal, so they are off.
 
-    python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
-
-A double step is a swing of the left foot and then one of the right. The support foot stays on the
-floor while the swing foot moves. A footstep (x, y, yaw) says where the swing foot lands. (0, 0, 0)
-is its usual place: beside the support foot, at foot_distance, with the same heading. x and y are
-measured along the axes of the support foot. For the right foot y and yaw are mirrored, so that
-outward is positive for both. With all zeros the robot steps on the spot. With (0.08, 0, 0) for both
-feet each lands 0.08 m ahead of the other: a double step moves the robot by 0.16 m. (The first one
-moves the middle of its feet by 0.12 m, since they start side by side.) With (0, 0.06, 0) for the
-left and zeros for the right foot it moves 0.06 m to the left.
+In a double step the left foot swings, then the right one. The support foot stays on the floor while
+the swing foot moves. A footstep (x, y, yaw) says where the swing foot lands. (0, 0, 0) is its usual
+place: beside the support foot, at foot_distance, with the same heading. x and y are measured along
+the axes of the support foot. For the right foot y and yaw are mirrored, so that outward is positive
+for both. With all zeros the robot steps on the spot. With (0.08, 0, 0) for both feet each lands
+0.08 m ahead of the other: a double step moves the robot by 0.16 m. The first one moves it by 0.12
+m, since the feet start side by side. With (0, 0.06, 0) for the left and zeros for the right foot it
+moves 0.06 m to the left.
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
 where it ended. It draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot
 ends within 1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a
-planner has to correct this. Dry friction holds the springs that are its motors back: in 02_plan.png
-the swing foot rises less than planned. Predict: how far does the centre of mass sway from side to
-side in a straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and
-the answer.
+planner has to correct this. Dry friction holds its motors, which are springs, back: in 02_plan.png
+the swing foot rises less than planned.
 
-Then the stage pushes twelve walking robots forward, each at another moment of the double step. In a
-first run they walk without any answer (in open loop), in a second one with the reflex, in a third
-one with all three answers, also in 2-D. Guess first: how many fall each time, in 3-D and in 2-D?
-(Answers: `tests/exercises/predict.md`, *capture*. In this test waiting changes nothing.) Each push
-lasts for 50 ms. It would give the torso alone 0.8 m/s. The whole robot, heavier and held by the
-floor, gets 0.3 m/s in 2-D and 0.4 m/s in 3-D.
+Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
+walk three times: without any answer (in open loop), with the reflex, with all three answers. How
+many fall each time? Guess this, and how far the robot sways from side to side:
+`tests/exercises/predict.md`, *capture* and *sway*, has the answers.
 
 Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
-paths (quintics), the three answers to a push, and the code that walks, prints and draws. `python
-tests/studies/walk.py` measures the walk on other floors and with other bodies, and tunes it.
-Nothing is random here.
+paths, the three answers to a push, and the code that walks, prints and draws. Nothing is random
+here. `python tests/studies/walk.py` measures the walk on other floors and with other bodies.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """

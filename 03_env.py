@@ -1,36 +1,38 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is one double step. An episode ends at the goal, with a
-fall, or when its time is up. The goal: two double steps in a row (in the paper: one) end there.
+Paper: section II a, b, d, e. One action is one double step. The robot is at the goal if two double
+steps in a row end there; in the paper one is enough.
 
-    python 03_env.py      a random planner, then a hand-written one; 20 seconds
+    python 03_env.py             a random planner, then a hand-written one, in 2-D; 20 seconds
+    python 03_env.py --mujoco    the same in 3-D
 
-(`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
-what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
-is about noisy goals. Predict (the run shows the answers, except for standing still):
+Both planners get the goals without noise. The stage prints what is observed, what an action is and
+how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel is about noisy goals.
+Predict:
 
 1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
    hand-written planner, and which have negative sums?
 2. A measured x or y has an error with a standard deviation of 5 cm. Let the robot stand still, and
    each measurement have an error of its own. How large is the standard deviation of an estimate
-   from one measurement, from five, from ten? And while the robot walks?
+   from one measurement, from five, from ten? How large is it while the robot walks? (The run shows
+   all answers but the one for standing still.)
 
-An episode is one walk: from standing to the goal, to a fall or to the end of the time. A planner
-chooses the actions. A policy is a planner that is learned: a function from the observation to an
-action. At the goal, or after a fall, the task is over: the episode is terminated. When only the
-time is up, the walk could go on: the episode is truncated. Stage 4 must tell these two apart.
+A planner chooses the actions. A policy is a planner that is learned: a function from the
+observation to an action. An episode is one walk. At the goal, or after a fall, the task is over:
+the episode is terminated. When only the time is up, the walk could go on: the episode is truncated.
+Stage 4 must tell these two apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` gives it the interface of
 `gymnasium.vector.VectorEnv`, for PPO in stage 4. `FootstepEnv` ("03_env:Footsteps-v0") has one
 robot and the interface of `gymnasium.Env`. All settings are arguments of `FootstepWorld`, and the
 other two take them, too: `FootstepWorld(64, walk=…)` has another walk.
 
-The formulas and scalars of the reward, and the encoding of the observation, stand in the paper's
-Table I and Fig. 2. Our copy of its text has lost both, so ours are chosen anew. The paper does not
-say how widely goals and errors vary. We add four rewards (of a fall, the goal, rest and time).
-Floor and body are random in every episode (`Spread`: domain randomization). The robot is pushed, if
-you ask for it. An estimate of the goal combines all noisy measurements so far, in the same way for
-every planner (`predict`, `correct`). Who knows what:
+Our copy of the paper has lost its Table I and Fig. 2, with the formulas of the reward and the
+encoding of the observation. So these are our choice, and so is how widely goals and errors vary,
+which the paper does not say. We add four rewards: of a fall, the goal, rest and time. Floor and
+body are random in every episode (`Spread`: domain randomization). The robot is pushed, if you ask
+for it. An estimate of the goal combines all noisy measurements so far, in the same way for every
+planner (`predict`, `correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last action: OBSERVATION
     another planner     the same, the goal unclipped, the step limits and period: `View`

@@ -11,33 +11,33 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --play           click a goal, push the robot
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
+    python 05_evaluate.py --mujoco         all of this in 3-D
 
-(`--mujoco` in 3-D.) It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in
-`results/<sim>/`; `--policy` names another file (or several). A policy trained with another walk,
-task or robot is evaluated, too, and a note says what differs. The stage prints tables. Their times
-are those of the walks that succeed: the mean, the median, and the 95th percentile (the time within
-which 95 % of them arrive). In the paper a walk succeeds when the robot is at the goal once. Here
-two double steps in a row must end there, and the time is the one to the end of the first of them.
-The stage writes table.md, evaluation.json, trials.csv and footsteps.png (walks to two goals without
-noise) to `runs/<sim>/`. Predict: the paper's policy takes 55 % of the baseline's time, and with the
-policy the robot falls about twice as often as with the baseline. Is this so with our policy?
+The stage evaluates your own policy, in `runs/<sim>/`, or else the shipped one in `results/<sim>/`;
+`--policy` names other files. A policy trained with another walk, task or robot is evaluated, too,
+and a note says what differs. The stage prints tables. Their times are those of the walks that
+succeed: the mean, the median, and the 95th percentile. In the paper a walk succeeds when the robot
+is at the goal once. Here two double steps in a row must end there, and we count the time to the end
+of the first of them. The stage writes table.md, evaluation.json, trials.csv and footsteps.png, with
+walks to two goals without noise, to `runs/<sim>/`. Predict: with the paper's policy the robot takes
+55 % of the baseline's time, and falls about twice as often. Is this so with our policy?
 
 A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
-measurements so far. A planner may use nothing but the view. (`tests/studies/search.py` is a worked
-example.) All planners meet the same goals, floors, bodies and pushes, and at their k-th decision
-the same noise (common random numbers). So no row has easier goals. `baseline` is [10], but
-decides once per double step. `baseline_tuned` is the same with settings optimised for this world;
-both feet share a sidestep, and a turn in proportion to their limits.
+measurements so far. A planner may use nothing but the view. `tests/studies/search.py` is a worked
+example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
+same noise (common random numbers). So no row has easier goals. `baseline` is the paper's controller,
+[10], but ours decides once per double step. `baseline_tuned` has settings optimised for this world.
+It also divides sidesteps and turns between both feet, turns in proportion to the feet's limits.
 
-How sure are we? The true rate p is that of infinitely many walks (trials). In n walks we count the
-rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1 − p)/n).
-Of 100 such intervals about 95 contain the truth. Whether two planners differ is another question,
-and their two intervals do not answer it. The planners met the same trials, so we compare trial by
-trial: falls with `mcnemar`, times with `bootstrap`. A far walk has the floor, the body and the
-noise of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not 1,000
-independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
+How sure are we? The true rate p is the rate in infinitely many walks, or trials. In n walks we
+count the rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1
+− p)/n). Of 100 such intervals about 95 contain the truth. Whether two planners differ is another
+question, and their two intervals do not answer it. The planners met the same trials, so we compare
+trial by trial: falls with `mcnemar`, times with `bootstrap`. A far walk has the floor, the body and
+the noise of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not
+1,000 independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
 
 Read down to the line of equals signs: trials and statistics. Below it are the baseline, the rows of
 the table, the tables, files, pictures, and the window to play with.

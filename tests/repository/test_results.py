@@ -22,7 +22,7 @@ from common import RESULTS, ROOT, env, evaluate, robot_model
 from test_scripts import check_picture, main_of, python
 
 LONGEST = {
-    "README.md": 160,
+    "README.md": 130,
     "results/STUDIES.md": 230,  # lines
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
@@ -46,19 +46,6 @@ def shipped_trials(sim):
 
 
 # ------------------------------------------------------------------------ pages
-def test_the_world_is_told_as_it_is():
-    task = env.Task()
-    walks = len(shipped_trials("mujoco")["policy", True, 0.5]["x"])
-    readme = " ".join(README.split())
-    for words in (
-        f"{walks} walks in 3-D to near and as many to far goals (σ of x and of y: "
-        f"{task.goal_std_m} m if near, {task.far_std_m:.0f} m if far)",
-        f"within {100 * task.success_m:.0f} cm and {np.degrees(task.success_rad):.0f}° of the "
-        f"goal, in at most {task.time_limit:.0f} s",
-    ):
-        assert words in readme, f"README does not say: … {words} …"
-
-
 def test_pages_have_the_tables_of_the_files():
     for path, text in common.pages().items():
         assert path.read_text("utf-8") == text, (
@@ -99,11 +86,9 @@ def test_the_planner_of_readme_gets_there(tmp_path):
 
 # ------------------------------------------------------------------------ the table
 @BOTH
-def test_table_and_evaluation_are_of_one_run_and_meet_their_targets(sim):
+def test_the_evaluation_has_all_rows_and_meets_its_targets(sim):
     evaluation = shipped(sim, "evaluation.json")
     rows = {(row["planner"], row["noise"], row["goal_std_m"]): row for row in evaluation["rows"]}
-    table = (RESULTS / sim / "table.md").read_text("utf-8")
-    assert table == evaluate.table(evaluation["rows"], evaluation["ratios"])
     assert evaluation["friction"] is None and evaluation["sim"] == sim
     names = "policy", "baseline", "baseline_tuned", "search", "expert"
     kinds = [*product((False, True), (0.5, 1.0))]  # noise, σ of the goals [m]

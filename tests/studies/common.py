@@ -456,8 +456,10 @@ def pages():
         (ROOT / "README.md", "result", planners_table(rows)),
         (RESULTS / "STUDIES.md", "answers", import_module("kicks").answers_table(steps)),
     ]
-    for path in RESULTS.glob("*/table.md"):
-        marked.append((path.with_name("README.md"), "evaluation", path.read_text("utf-8")))
+    for path in RESULTS.glob("*/evaluation.json"):
+        evaluation = read_json(path)
+        tables = evaluate.table(evaluation["rows"], evaluation["ratios"])
+        marked.append((path.with_name("README.md"), "evaluation", tables))
     for page, mark, part in marked:
         found[page] = pasted(page.read_text("utf-8"), mark, part)
     return found
