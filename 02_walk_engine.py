@@ -474,18 +474,18 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
 def plot_push(pushes, engine, path):
     """Draws the tilt of all robots over time, a panel for each answer; pushes: what `pushed`
     returns, by the answer's name; engine: of robots that walked like these."""
-    figure = Figure(figsize=(12, 3.8))
-    panels = figure.subplots(1, len(pushes), sharey=True)
+    panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
         panel.axhline(45, color="black", ls=":")
-        for tilt in tilts:
+        for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
             time = np.arange(len(tilt)) * engine.robot.control_dt
-            panel.plot(time, np.degrees(tilt), lw=0.9)
-        title = f"{name}: {fell.sum()} of {len(fell)} fall"
-        panel.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
-    figure.supxlabel("grey: when each is pushed, once; dotted: beyond this tilt a robot has fallen")
-    robot_model.save_figure(figure, path)
+            panel.plot(time, np.degrees(tilt), color=color, lw=0.9)
+        title = f"{name}:\n{fell.sum()} of {len(fell)} fall"
+        panel.set(title=title, xlabel="time [s], grey: pushes", ylim=(0, 60))
+        panel.text(0, 46, "fallen: 45°")
+    panels[0].set_ylabel("tilt of the torso [°]")
+    robot_model.save_figure(panels[0].figure, path)
 
 
 def plot_plan(engine, plan, motion, path):
@@ -498,9 +498,9 @@ def plot_plan(engine, plan, motion, path):
     walked = np.concatenate([soles, torso[:, None, :3]], 1)
     # The simulators' origin is where the torso was after the reset. The plan's is between the feet.
     walked[..., 0] += engine.parameters.trunk_x_offset
-    figure = Figure(figsize=(12, 3.8))
+    figure = Figure(figsize=(9, 4))
     axes = figure.subplots(1, 3)
-    titles = "forward: x [m]", "sideways (in 2-D not simulated): y [m]", "height: z [m]"
+    titles = "forward: x [m]", "sideways: y [m]", "height of the feet: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt
@@ -508,27 +508,11 @@ def plot_plan(engine, plan, motion, path):
             axis.plot(time, values[..., k], style)
         axis.axvline(engine.step_time, color="0.7")
         axis.set(title=title, xlabel="time [s]")
-    axes[2].set_ylim(-0.01, 0.05)  # the feet only
-    names = "left foot", "right foot", "trunk"
+    axes[2].set_ylim(-0.01, 0.05)
+    names = "left foot", "right foot", "trunk: torso"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle(
-        "A double step: solid as planned, dashed as simulated. Grey: the support foot changes"
-    )
+    figure.suptitle("Solid: the plan. Dashed: simulated (in 2-D the legs cannot spread)")
     robot_model.save_figure(figure, path)
-
-
-def plot_walks(poses, commanded, path, title):
-    """Draws every walk from above: poses and commanded poses [4, K + 1, 3]."""
-    axis = Figure(figsize=(9, 4.2)).subplots()
-    for k, (name, walked) in enumerate(zip(WALKS, poses)):
-        x, y, yaw = walked.T
-        axis.plot(x, y, f"C{k + 2}.-", label=name)
-        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", width=0.003, scale=50)
-    axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
-    axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
-    axis.margins(0.1)  # the arrows need it
-    axis.legend(loc="upper right")
-    robot_model.save_figure(axis.figure, path)
 
 
 def main():
@@ -546,8 +530,6 @@ def main():
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)
-    title = f"Eight double steps ({sim}), from above; an arrow points where the robot faces"
-    plot_walks(poses, commanded, out / "02_walk.png", title)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
         print(
@@ -564,7 +546,7 @@ def main():
         _, fell = pushes[name] = pushed(sim, settings, speed)
         print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")
     plot_push(pushes, engine, out / "02_push.png")
-    print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
+    print("Look at 02_plan.png and 02_push.png in", out)
 
 
 if __name__ == "__main__":
