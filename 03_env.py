@@ -659,7 +659,9 @@ def plot_rewards(episode, errors, path):
     for term, values in sorted(episode.items(), key=lambda item: -item[1].sum()):
         if values.any():
             curves.plot(np.append(0, values.cumsum()), label=term)
-    curves.legend(bbox_to_anchor=(1, 1))  # beside the lines, in the order of their ends
+    curves.legend(
+        loc="upper left", bbox_to_anchor=(1, 1)
+    )  # beside the lines, in the order of their ends
     curves.set(
         title="An episode of the hand-written planner",
         xlabel="double step",

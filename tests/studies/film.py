@@ -133,6 +133,9 @@ def landscape(sim):
     return figure
 
 
+PICTURES = double_step, clock, walks, landscape
+
+
 # ------------------------------------------------------------------------ films
 def walk(axes, planner, sim, goals, title):
     """Lets a robot walk to these goals, one after the other, without noise, and yields after every
@@ -154,7 +157,7 @@ def walk(axes, planner, sim, goals, title):
             if result["fall"][0] or result["timeout"][0]:
                 return
             if result["success"][0]:
-                axes.set_title(f"{title.format(k)}: arrived after {result['time'][0]:.1f} s")
+                axes.set_title(f"{title.format(k)}: arrived, {result['time'][0]:.1f} s")
                 yield from [result] * HELD
                 break
 
@@ -165,7 +168,10 @@ def training(panels, sim):
     films = []
     for axes, name in zip(panels, ("film/1,024.pt", "film/25,600.pt", "policy.pt")):
         model, about = ppo.load_policy(RESULTS / sim / name)
-        planner, title = evaluate.PolicyPlanner(model), f"{about['steps']:,} double steps"
+        planner, title = (
+            evaluate.PolicyPlanner(model),
+            f"{about['steps']:,} double steps\nof training",
+        )
         films.append(walk(axes, planner, sim, evaluate.FIGURE_GOALS[:1], title))
     return islice(zip_longest(*films), 0, 200, 2)
 
@@ -183,11 +189,13 @@ def save(figure, pictures, path):
 def main(argv=None):
     policy = {"type": Path, "help": "that of animation.gif (default: the shipped one)"}
     args = common.arguments(import_module("film"), argv, policy=policy)
-    for draw in double_step, clock, walks, landscape:
+    if args.sim != "mujoco":
+        raise robot_model.InputError("the films show the robot in 3-D: add --mujoco")
+    for draw in PICTURES:
         robot_model.save_figure(draw(args.sim), args.out / f"{draw.__name__}.png")
     planner = common.policy(args.policy or RESULTS / args.sim / "policy.pt", args.sim)
     scene, axes = common.subplots(figsize=(8, 4))
-    row, panels = common.subplots(1, 3, figsize=(9, 2.8))
+    row, panels = common.subplots(1, 3, figsize=(9, 3))
     row.supxlabel("squares of 0.25 m; twice as fast as the robot")
     films = {
         "animation.gif": (scene, walk(axes, planner, args.sim, GOALS, TITLE)),
