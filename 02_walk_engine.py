@@ -9,22 +9,20 @@ all three are on. In 2-D the last two gain nothing in walks to a goal, so they a
 
     python 02_walk_engine.py      a plan, four walks, pushes; 4 seconds (`--mujoco` in 3-D)
 
-A double step is a swing of the left foot and then one of the right. The support foot stays on the
-floor while the swing foot moves. A footstep (x, y, yaw) says where the swing foot lands. (0, 0, 0)
-is its usual place: beside the support foot, at foot_distance, with the same heading. x and y are
-measured along the axes of the support foot. For the right foot y and yaw are mirrored, so that
-outward is positive for both. With all zeros the robot steps on the spot. With (0.08, 0, 0) for both
-feet each lands 0.08 m ahead of the other: a double step moves the robot by 0.16 m. (The first one
-moves the middle of its feet by 0.12 m, since they start side by side.) With (0, 0.06, 0) for the
-left and zeros for the right foot it moves 0.06 m to the left.
+A double step is a swing of the left foot and then one of the right: see
+`results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
+its usual place beside the support foot; y and yaw are positive outward. With all zeros the robot
+steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double
+step moves the robot by 0.16 m. (The first one moves the middle of its feet by 0.12 m, since they
+start side by side.) With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to
+the left.
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
-where it ended. It draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot
-ends within 1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a
-planner has to correct this. Dry friction holds the springs that are its motors back: in 02_plan.png
-the swing foot rises less than planned. Predict: how far does the centre of mass sway from side to
-side in a straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and
-the answer.
+where it ended. It draws `runs/<sim>/02_plan.png` and `02_push.png`. The planar robot ends within
+1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a planner has to
+correct this. Dry friction holds the springs that are its motors back: in 02_plan.png the swing foot
+rises less than planned. Predict: how far does the centre of mass sway from side to side in a
+straight walk? `tests/exercises/predict.md`, *sway*, has the equation of a pendulum, and the answer.
 
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. In a
 first run they walk without any answer (in open loop), in a second one with the reflex, in a third

@@ -7,7 +7,7 @@ fall, or when its time is up. The goal: two double steps in a row (in the paper:
 
 (`--mujoco` in 3-D.) Both planners get the goals without noise. The stage prints what is observed,
 what an action is and how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel
-is about noisy goals. Predict (the run shows the answers, except for standing still):
+is about noisy goals. Predict (the run shows the answers):
 
 1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
    hand-written planner, and which have negative sums?

@@ -46,6 +46,7 @@ def check_picture(path):
     """Something is drawn in it: frames, letters and grids have no colour, legends have 0.1 %."""
     image = matplotlib.image.imread(path)
     assert min(image.shape[:2]) > 100, f"{path} is only {image.shape} pixels"
+    assert image.shape[1] <= 990, f"{path} is wider than 9 inches: on a page its letters are small"
     coloured = (np.ptp(image[..., :3], axis=-1) > 0.25).mean()
     assert coloured > 0.005, f"{path}: only {coloured:.2%} of it has a colour: are the axes empty?"
 
