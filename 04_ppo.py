@@ -500,8 +500,8 @@ def plot_learning_curve(rows, path, title):
         values = np.array([row.get(column, np.nan) for row in rows])
         mean = np.convolve(values, np.ones(width) / width, "valid")
         middle = steps[width // 2 :]  # of the updates of each mean
-        axes.plot(middle[: len(mean)], mean, "k")
-        axes.plot(steps, values, "k.", alpha=0.2)
+        axes.plot(middle[: len(mean)], mean, "m")
+        axes.plot(steps, values, "m.", alpha=0.2)
         axes.set_title(name)
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
     grid[2, 0].set_yscale("log")  # of the time
