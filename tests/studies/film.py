@@ -24,7 +24,6 @@ WINDOW = -0.8, 1.63, -0.41, 1.0  # what is seen: from left to right, from below 
 TITLE = f"Yellow: the two footsteps just chosen. Goal {{}} of {len(GOALS)}"
 HELD = 10  # pictures that an event is shown for, 0.8 s
 FOOTSTEPS = np.array([[[0.12, 0.05, 0.35], [0.1, 0.02, -0.1]]])  # of double_step.png [m, m, rad]
-LEGS = "left", "right"
 
 
 # ------------------------------------------------------------------------ pictures
@@ -43,9 +42,9 @@ def double_step(sim):
     figure, panels = common.subplots(1, 2, figsize=(9, 5), sharex=True, sharey=True)
     feet = [*engine.foot_poses[0]]  # where they stand: left, right
     landings = engine.landings(feet[1][None], FOOTSTEPS)
-    for side, (axes, (landing,)) in enumerate(zip(panels, landings)):
+    for side, (axes, name, (landing,)) in enumerate(zip(panels, ("left", "right"), landings)):
         color, other = robot_model.COLORS[side], robot_model.COLORS[1 - side]
-        support, name = feet[1 - side], LEGS[side]
+        support = feet[1 - side]
         usual = robot_model.compose(support, engine.beside[side])
         (back, inward, _), (ahead, outward, _) = limits.low, limits.high
         corners = [[back, inward, 0], [ahead, inward, 0], [ahead, outward, 0], [back, outward, 0]]
@@ -122,7 +121,6 @@ def landscape(sim):
         goal = robot_model.relative(poses, np.zeros(3))
         height = (scales * env.potentials(goal, task.near_m)).sum(0).reshape(x.shape)
         filled = axes.contourf(x, y, height, levels, cmap="Purples_r")
-        axes.contour(x, y, height, levels, colors="white", linewidths=0.5)
         axes.quiver(0, 0, 1, 0, color="tab:green", scale=8)
         axes.text(0, -0.2, "goal", color="tab:green", ha="center")
         for place in (-1.2, 0), (1.1, 0), (0, -1.0), (0, 0.9):
