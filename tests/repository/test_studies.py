@@ -102,8 +102,8 @@ def test_letters_and_colours_of_the_pictures_that_stages_and_films_draw(monkeypa
         env.plot_rewards({f"r_{k}": np.ones(3) for k in range(8)}, np.ones((2, 15)), "")
         ppo.plot_learning_curve([{"steps": 1, "time": 2.0}], "", "a title")
         world = env.FootstepWorld(1)
-        planners = dict.fromkeys("abc", evaluate.BaselinePlanner())
-        evaluate.plot_footsteps(world, planners, evaluate.Trials(np.zeros((1, 3)), 0), "")
+        planner = {"a name": evaluate.BaselinePlanner()}
+        evaluate.plot_footsteps(world, planner, evaluate.Trials(np.zeros((1, 3)), 0), "")
         figures += [draw("pymunk") for draw in film.PICTURES]
         lines = [line.get_color() for line in figures[2].axes[0].lines]
     for figure in figures:
@@ -111,7 +111,7 @@ def test_letters_and_colours_of_the_pictures_that_stages_and_films_draw(monkeypa
     red, green, blue = np.transpose([mpl.colors.to_rgb(color) for color in lines])
     foot = (blue > red + 0.2) & (blue > green + 0.2) | (red > green + 0.2) & (green > blue + 0.2)
     assert len({*lines}) == 8 and not foot.any(), f"names are told by colour: {lines}"
-    colors = [line.get_color() for line in figures[1].axes[0].lines[1:]]
+    colors = [line.get_color() for line in figures[1].axes[0].lines]
     assert colors == ["0.5", "tab:red"], "who falls is red"
 
 
