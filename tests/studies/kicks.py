@@ -216,7 +216,7 @@ def plot(found, sim):
         for height, answer in enumerate(reversed(ANSWERS)):
             (row,) = pick(found["steps"]["rows"], world=FLAT, push=push, answer=answer)
             ends = 100 * np.array(row["fall_ci95"])
-            axes.barh(height, 100 * row["fall"], color="0.75")
+            axes.barh(height, 100 * row["fall"], color="tab:red", alpha=0.6)
             axes.plot(ends, [height, height], "k", lw=2)
             axes.text(ends[1] + 2, height, f"{row['falls']} of {row['episodes']:,}", va="center")
         axes.set(title=f"pushed by {push} m/s", xlabel="falls [% of the walks]", xlim=(0, 100))
