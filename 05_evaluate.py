@@ -541,7 +541,7 @@ def choose_planners(world, policies, files=()):
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
     """Draws the paper's Fig. 3: walks to the same goals; planners by name (three)."""
-    figure = robot_model.Figure(figsize=(9, 3.6))
+    figure = robot_model.Figure(figsize=(9, 4.2))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, planners.items()):
         draw_walks(panel, world, planner, trials)
