@@ -920,6 +920,9 @@ def save_figure(figure, path):
 
 
 STYLE = {
+    # No blue and no orange: these are the left and the right foot.
+    "axes.prop_cycle": "cycler(color=['k', 'purple', 'g', 'r', 'brown', 'gray', 'olive', 'hotpink'])",
+    "legend.labelcolor": "linecolor",
     "axes.grid": True,
     "grid.alpha": 0.3,
     "figure.constrained_layout.use": True,
@@ -967,7 +970,7 @@ def main():
     i = motion.fell.argmax()  # the first one
     print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
     down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
-    moments = slice(down - 60, down + 1, 10)  # seven
+    moments = [0, *range(down - 50, down + 1, 10)]  # seven, at first it stands
     torso, joints = motion.torso[i, moments], motion.joints[i, moments]
 
     axes = Figure().subplots()
@@ -977,10 +980,11 @@ def main():
     _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
     axes.plot(right, up, "k.-")
     axes.axvline(ROBOT.foot_front, color="black", ls=":")
-    axes.set_title(
-        f"The last 0.6 s of a fall: lean {leans[i]:.3f} rad, squares of 0.25 m\n"
-        "blue, orange: left, right leg; dots: centre of mass; dotted: the toes before the fall"
-    )
+    axes.text(-0.3, 0.2, "left leg", color=COLORS[LEFT])
+    axes.text(-0.3, 0.1, "right leg", color=COLORS[RIGHT])
+    axes.text(-0.3, up[0], "centre of mass")
+    axes.text(ROBOT.foot_front, 0.05, " above the toes")
+    axes.set_title(f"Before and at the end of a fall: lean {leans[i]:.3f} rad")
     save_figure(axes.figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
 

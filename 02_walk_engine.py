@@ -10,20 +10,18 @@ measures, see `WalkPlan`; in the paper they are future work. A reflex moves the 
 step moves the landing of a foot to where the robot leans. Waiting lets a step take longer. In 3-D
 all three are on. In 2-D the last two gain nothing in walks to a goal, so they are off.
 
-In a double step the left foot swings, then the right one. The support foot stays on the floor while
-the swing foot moves. A footstep (x, y, yaw) says where the swing foot lands. (0, 0, 0) is its usual
-place: beside the support foot, at foot_distance, with the same heading. x and y are measured along
-the axes of the support foot. For the right foot y and yaw are mirrored, so that outward is positive
-for both. With all zeros the robot steps on the spot. With (0.08, 0, 0) for both feet each lands
-0.08 m ahead of the other: a double step moves the robot by 0.16 m. The first one moves it by 0.12
-m, since the feet start side by side. With (0, 0.06, 0) for the left and zeros for the right foot it
-moves 0.06 m to the left.
+A double step is a swing of the left foot and then one of the right: see
+`results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
+its usual place beside the support foot. y and yaw are positive outward. With all zeros the robot
+steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double
+step moves the robot by 0.16 m. The first one moves it by 0.12 m, since the feet start side by side.
+With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to the left.
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
-where it ended. It draws `runs/<sim>/02_plan.png`, `02_walk.png` and `02_push.png`. The planar robot
-ends within 1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a
-planner has to correct this. Dry friction holds its motors, which are springs, back: in 02_plan.png
-the swing foot rises less than planned.
+where it ended. It draws `runs/<sim>/02_plan.png` and `02_push.png`. The planar robot ends within
+1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a planner has to
+correct this. Dry friction holds its motors, which are springs, back: in 02_plan.png the swing foot
+rises less than planned.
 
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
 walk three times: without any answer (in open loop), with the reflex, with all three answers. How
@@ -470,18 +468,18 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
 def plot_push(pushes, engine, path):
     """Draws the tilt of all robots over time, a panel for each answer; pushes: what `pushed`
     returns, by the answer's name; engine: of robots that walked like these."""
-    figure = Figure(figsize=(12, 3.8))
-    panels = figure.subplots(1, len(pushes), sharey=True)
+    panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
-        panel.axhline(45, color="black", ls=":")
-        for tilt in tilts:
+        panel.axhspan(45, 60, color="tab:red", alpha=0.4)
+        for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
             time = np.arange(len(tilt)) * engine.robot.control_dt
-            panel.plot(time, np.degrees(tilt), lw=0.9)
-        title = f"{name}: {fell.sum()} of {len(fell)} fall"
-        panel.set(title=title, xlabel="time [s]", ylabel="tilt of the torso [°]", ylim=(0, 60))
-    figure.supxlabel("grey: when each is pushed, once; dotted: beyond this tilt a robot has fallen")
-    robot_model.save_figure(figure, path)
+            panel.plot(time, np.degrees(tilt), color=color, lw=0.9)
+        title = f"{name}:\n{fell.sum()} of {len(fell)} fall"
+        panel.set(title=title, xlabel="time [s], grey: pushes", ylim=(0, 60))
+        panel.text(0, 47, "fallen: 45°")
+    panels[0].set_ylabel("tilt of the torso [°]")
+    robot_model.save_figure(panels[0].figure, path)
 
 
 def plot_plan(engine, plan, motion, path):
@@ -494,9 +492,9 @@ def plot_plan(engine, plan, motion, path):
     walked = np.concatenate([soles, torso[:, None, :3]], 1)
     # The simulators' origin is where the torso was after the reset. The plan's is between the feet.
     walked[..., 0] += engine.parameters.trunk_x_offset
-    figure = Figure(figsize=(12, 3.8))
+    figure = Figure(figsize=(9, 4))
     axes = figure.subplots(1, 3)
-    titles = "forward: x [m]", "sideways (in 2-D not simulated): y [m]", "height: z [m]"
+    titles = "forward: x [m]", "sideways: y [m]", "height of the feet: z [m]"
     for k, (axis, title) in enumerate(zip(axes, titles)):
         for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt
@@ -504,27 +502,11 @@ def plot_plan(engine, plan, motion, path):
             axis.plot(time, values[..., k], style)
         axis.axvline(engine.step_time, color="0.7")
         axis.set(title=title, xlabel="time [s]")
-    axes[2].set_ylim(-0.01, 0.05)  # the feet only
-    names = "left foot", "right foot", "trunk"
+    axes[2].set_ylim(-0.01, 0.05)
+    names = "left foot", "right foot", "trunk: torso"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle(
-        "A double step: solid as planned, dashed as simulated. Grey: the support foot changes"
-    )
+    figure.suptitle("Solid: the plan. Dashed: simulated (in 2-D the legs cannot spread)")
     robot_model.save_figure(figure, path)
-
-
-def plot_walks(poses, commanded, path, title):
-    """Draws every walk from above: poses and commanded poses [4, K + 1, 3]."""
-    axis = Figure(figsize=(9, 4.2)).subplots()
-    for k, (name, walked) in enumerate(zip(WALKS, poses)):
-        x, y, yaw = walked.T
-        axis.plot(x, y, f"C{k + 2}.-", label=name)
-        axis.quiver(x, y, np.cos(yaw), np.sin(yaw), color=f"C{k + 2}", width=0.003, scale=50)
-    axis.plot(*commanded[..., :2].reshape(-1, 2).T, "k+", label="commanded")
-    axis.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title=title)
-    axis.margins(0.1)  # the arrows need it
-    axis.legend(loc="upper right")
-    robot_model.save_figure(axis.figure, path)
 
 
 def main():
@@ -542,8 +524,6 @@ def main():
 
     plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
     poses, commanded, fall = walk_plans(sim, parameters, plans)
-    title = f"Eight double steps ({sim}), from above; an arrow points where the robot faces"
-    plot_walks(poses, commanded, out / "02_walk.png", title)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
     for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
         print(
@@ -560,7 +540,7 @@ def main():
         _, fell = pushes[name] = pushed(sim, settings, speed)
         print(f"pushed by {speed} m/s, {name}: {fell.sum()} of {len(fell)} fall")
     plot_push(pushes, engine, out / "02_push.png")
-    print("Look at 02_plan.png, 02_walk.png and 02_push.png in", out)
+    print("Look at 02_plan.png and 02_push.png in", out)
 
 
 if __name__ == "__main__":

@@ -654,25 +654,29 @@ def estimate_errors(world, seed):
 def plot_rewards(episode, errors, path):
     """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
     and errors as by `estimate_errors` (right)."""
-    curves, estimate = robot_model.Figure(figsize=(11, 4)).subplots(1, 2)
-    for term, values in episode.items():
-        curves.plot(np.append(0, values.cumsum()), label=term)
+    curves, estimate = robot_model.Figure(figsize=(9, 4.5)).subplots(1, 2)
+    for term, values in sorted(episode.items(), key=lambda item: -item[1].sum()):
+        if values.any():
+            curves.plot(np.append(0, values.cumsum()), label=term)
+    curves.legend(
+        loc="upper left", bbox_to_anchor=(1, 1)
+    )  # beside the lines, in the order of their ends
     curves.set(
-        title="An episode (r_d: distance, r_a: angle, r_o: orientation, r_c: changes)",
+        title="An episode of the hand-written planner",
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )
-    curves.legend(loc="upper left", ncols=2)
-    for error, style, name in zip(errors, ("o-", "x--"), ("error", "what the filter takes for it")):
-        estimate.plot(range(1, len(error) + 1), 100 * error, style, label=name)
-    estimate.axhline(100 * Task.noise_m, color="0.5", label="error of one measurement")
+    k = np.arange(1, errors.shape[1] + 1)
+    names = "true error", "claimed: the filter expects\nlarger errors", "5 cm/√k: it stands still"
+    for error, name in zip((*errors, Task.noise_m / np.sqrt(k)), names):
+        estimate.plot(k, 100 * error, "o-", label=name)
     estimate.set(
-        title="The estimated goal, with noise",
-        xlabel="measurements so far",
-        ylabel="root mean square error of x and y [cm]",
+        title="The estimated goal of 64 walking robots",
+        xlabel="measurements k so far",
+        ylabel="error of x and y [cm]",
         ylim=(0, None),
     )
-    estimate.legend(loc="lower left")
+    estimate.legend(loc="upper right")
     robot_model.save_figure(curves.figure, path)
 
 

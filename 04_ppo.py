@@ -448,14 +448,14 @@ def load_policy(path, make_model=ActorCritic):
 
 
 # ------------------------------------------------------------------------ the picture
-PANELS = {  # title and unit: columns
-    "blue: successes, orange: time-outs [share of walks]": "success timeout",
+PANELS = {  # title and unit: column
+    "THE ROBOT\nsuccesses [share of walks]": "success",
+    "THE LEARNER\nentropy of the policy, may be < 0 [nats]": "entropy",
     "falls [share of walks]": "fall",
-    "time to the goal [s]": "time",
-    "return, not discounted [1]": "return",
-    "entropy of the policy, may be < 0 [nats]": "entropy",
     "samples outside of 1 ± ε [share]": "clip_fraction",
+    "time to the goal [s]": "time",
     "change of the policy, KL [nats]": "approx_kl",
+    "return, not discounted [1]": "return",
     "explained variance of the critic [1]": "explained_variance",
 }
 
@@ -477,20 +477,20 @@ def plot_learning_curve(rows, path, title):
 
     KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. We take the mean of (ρ − 1) − ln ρ: it is the
     same, as E[ρ − 1] = 0, with less noise, as ln ρ ≈ ρ − 1."""
-    steps = np.array([row["steps"] for row in rows])  # [U]
+    steps = np.array([row["steps"] for row in rows]) / 1000  # [U]
     width = len(rows) // 20 + 1
-    figure = robot_model.Figure(figsize=(10, 13))
-    grid = figure.subplots(4, 2)
-    for axes, (name, columns) in zip(grid.flat, PANELS.items()):
-        for k, column in enumerate(columns.split()):
-            values = np.array([row.get(column, np.nan) for row in rows])
-            mean = np.convolve(values, np.ones(width) / width, "valid")
-            middle = steps[width // 2 :]  # of the updates of each mean
-            axes.plot(middle[: len(mean)], mean, f"C{k}")
-            axes.plot(steps, values, f"C{k}.", alpha=0.2)
-        axes.set(title=name, xlabel="steps of all robots")
+    figure = robot_model.Figure(figsize=(9, 11))
+    grid = figure.subplots(4, 2, sharex=True)
+    for axes, (name, column) in zip(grid.flat, PANELS.items()):
+        values = np.array([row.get(column, np.nan) for row in rows])
+        mean = np.convolve(values, np.ones(width) / width, "valid")
+        middle = steps[width // 2 :]  # of the updates of each mean
+        axes.plot(middle[: len(mean)], mean, "m")
+        axes.plot(steps, values, "m.", alpha=0.2)
+        axes.set_title(name)
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    grid[1, 0].set_yscale("log")  # of the time
+    grid[2, 0].set_yscale("log")  # of the time
+    figure.supxlabel("double steps of all robots [thousands]")
     figure.suptitle(f"{title}; dots: updates, lines: means of a twentieth of them")
     robot_model.save_figure(figure, path)
 

@@ -541,17 +541,15 @@ def choose_planners(world, policies, files=()):
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
     """Draws the paper's Fig. 3: walks to the same goals; planners by name (three)."""
-    figure = robot_model.Figure(figsize=(13.2, 4.8))
+    figure = robot_model.Figure(figsize=(9, 4.2))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, planners.items()):
-        title = f"{name}, without noise{draw_walks(panel, world, planner, trials)}"
-        panel.set_title(title, parse_math=False)  # a $ in a name is no formula
-        panel.plot(0, 0, "ro")
-        panel.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
-        panel.margins(0.15)
-    figure.supxlabel(
-        "blue, orange: left, right foot; black: torso; red: start; green: goal, its tip: the yaw"
-    )
+        draw_walks(panel, world, planner, trials)
+        panel.set_title(name, parse_math=False)  # a $ in a name is no formula
+        panel.set(aspect="equal", xlabel="x [m]")
+        panel.margins(0.1, 0.35)
+    axes[0].set_ylabel("y [m]")
+    figure.suptitle("Two walks without noise; a goal's tip is its yaw; black: the torso's path")
     robot_model.save_figure(figure, path)
 
 
@@ -565,8 +563,10 @@ def foot_poses(robot, torso, joints):
 
 
 def draw_walks(panel, world, planner, trials):
-    """Draws walks from above while the robots walk; returns a line of the title for each."""
-    feet = [[] for _ in trials.goals]  # [K, 2, 3] of every robot
+    """Draws walks from above while the robots walk, and at each goal how the walk to it ends. Of
+    many footprints every second pair is drawn, or every third, …, and the last one."""
+    standing = foot_poses(world.engine.robot, *(part[None] for part in world.engine.stance))
+    feet = [[*standing] for _ in trials.goals]  # [K, 2, 3] of every robot
 
     def watch(robots, motion):
         landed = foot_poses(world.engine.robot, motion.torso[:, -1], motion.joints[:, -1])
@@ -574,14 +574,12 @@ def draw_walks(panel, world, planner, trials):
             panel.plot(*torso[:, :2].T, "k", lw=1)
             feet[i].append(poses)
 
-    end, title = evaluate(planner, world, trials, watch), ""
-    for i, goal in enumerate(trials.goals):
-        env.draw_way(panel, world, goal, feet[i], robot_model.camera_at(-90, 90))
-        x, y, _ = goal  # its name stands on the far side of it
-        panel.text(x, y + math.copysign(0.22, y), f"goal {i + 1}", ha="center", va="center")
-        ending = f"{end['outcome'][i]} after {end['time'][i]:.1f} s, μ = {end['mu'][i]:.2f}"
-        title += f"\ngoal {i + 1}: {ending}"
-    return title
+    end = evaluate(planner, world, trials, watch)
+    for i, (x, y, yaw) in enumerate(trials.goals):
+        few = feet[i][:: -1 - len(feet[i]) // 12]
+        env.draw_way(panel, world, [x, y, yaw], few, robot_model.camera_at(-90, 90))
+        ending = f"{end['outcome'][i]}\n{end['time'][i]:.1f} s"  # on the far side of the goal
+        panel.text(x, y + math.copysign(0.45, y), ending, size=13, ha="center", va="center")
 
 
 def pictures(axes, world, planner, feet, push, name, window):
@@ -600,7 +598,7 @@ def pictures(axes, world, planner, feet, push, name, window):
     for tick in range(0, motion.ticks[0], 8):
         now, goal = torso[tick], world.goal[0]
         camera = env.draw_scene(axes, world, goal, feet[-20:], now, joints[tick], chosen)
-        if any(push) and tick < 32:  # it lasts for 5 ticks, which nobody would see
+        if any(push):  # it lasts for 5 ticks, which nobody would see
             tip = now[:3] + [0, 0, 0.15]
             tail = tip - [*robot_model.turned(push, now[5] * engine.planar), 0]  # 1 m is 1 m/s
             style = {"color": "tab:red", "arrowprops": {"color": "tab:red"}, "ha": "center"}

@@ -758,10 +758,14 @@ def test_the_hand_written_planner_turns_to_a_far_goal_and_like_a_near_one():
 def test_the_figure_of_rewards_shows_sums_and_centimetres(monkeypatch):
     shown = []
     monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: shown.append(figure))
-    env.plot_rewards({"r_d": np.array([1.0, 2.0, 4.0])}, np.array([[0.05, 0.03]] * 2), "")
+    paid = {"r_c": np.array([0.0, -1.0]), "r_fall": np.zeros(2), "r_d": np.array([1.0, 2.0])}
+    env.plot_rewards(paid, np.array([[0.05, 0.03]] * 2), "")
     curves, estimate = shown[0].axes
-    close(curves.lines[0].get_ydata(), [0, 1, 3, 7], "the sum of rewards so far, at first 0")
+    names = [name.get_text() for name in curves.get_legend().get_texts()]
+    assert names == ["r_d", "r_c"], "as the lines end; a term that paid nothing is left out"
+    close(curves.lines[0].get_ydata(), [0, 1, 3], "the sum of rewards so far, at first 0")
     close(estimate.lines[0].get_ydata(), [5, 3], "cm")
+    close(estimate.lines[2].get_ydata(), [5, 5 / 2**0.5], "of a robot that stands still")
 
 
 def test_another_seed_of_the_demonstration_is_another_walk(monkeypatch, tmp_path):

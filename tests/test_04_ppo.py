@@ -509,9 +509,11 @@ def test_the_learning_curve_shows_each_column_below_its_title(monkeypatch):
     columns = "success fall time return entropy clip_fraction approx_kl explained_variance timeout"
     row = {name: k for k, name in enumerate(columns.split())}
     ppo.plot_learning_curve([row | {"steps": k} for k in range(40)], "", "")
-    titles = "blue: falls time return entropy samples change explained".split()  # their first words
-    for k, (axes, title) in enumerate(zip(shown[0].axes, titles, strict=True)):
-        assert axes.get_title().startswith(title)
+    words = "successes falls time return entropy samples change explained".split()
+    robot, learner = shown[0].axes[::2], shown[0].axes[1::2]
+    assert "ROBOT" in robot[0].get_title() and "LEARNER" in learner[0].get_title()
+    for k, (axes, title) in enumerate(zip(robot + learner, words, strict=True)):
+        assert axes.get_title().splitlines()[-1].startswith(title)
         close(axes.lines[0].get_ydata(), k, f"{title}: the mean of equal numbers is this number")
 
 

@@ -790,16 +790,18 @@ def middles_of_soles(world):
 
 def test_a_footstep_plot_shows_where_feet_and_torso_were():
     panel, world = Figure().subplots(), env.FootstepWorld(1, task=replace(SHORT, success_m=0.07))
-    title = evaluate.draw_walks(panel, world, Wild(), to([[3.0, 0.0, 0.5]]))
+    evaluate.draw_walks(panel, world, Wild(), to([[3.0, 0.0, 0.5]]))
     *soles, disc = panel.patches
     *rim, tip, _ = disc.get_xy() - [3.0, 0.0]
     close(np.linalg.norm(rim, axis=1), 0.07, "the goal is as large as its tolerance")
     close(math.atan2(tip[1], tip[0]), 0.5, "its tip points along its yaw")
-    assert len(soles) == 6, "two feet, three double steps"
-    drawn = [patch.get_xy()[:4].mean(0) for patch in soles[2::3]]
-    close(drawn, middles_of_soles(world), "the feet at the end of the walk")
+    assert len(soles) == 8, "two feet, at first and after three double steps"
+    places = np.array([patch.get_xy()[:4].mean(0) for patch in soles]).reshape(2, 4, 2)
+    close(places[:, 0], middles_of_soles(world), "the feet at the end of the walk", atol=1e-9)
     close(panel.lines[-1].get_xydata()[-1], world.pose[0, :2], "the torso's path")
-    assert f"timeout after {3 * PERIOD:.1f} s" in title
+    assert panel.texts[0].get_text() == f"timeout\n{3 * PERIOD:.1f} s"
+    world.reset([0])
+    close(places[:, -1], middles_of_soles(world), "the feet at its beginning")
 
 
 @pytest.fixture

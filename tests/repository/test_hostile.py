@@ -110,7 +110,6 @@ def test_who_stops_reading_gets_no_traceback():
 def test_a_busy_machine_draws_every_legend_in_silence(tmp_path):
     """matplotlib warns where it has looked for a place for more than a second."""
     with mock.patch("time.perf_counter", side_effect=itertools.count(step=2)):
-        walk_engine.plot_walks(*np.zeros((2, 4, 9, 3)), tmp_path / "walks.png", "")
         env.plot_rewards({"r_d": np.ones(5)}, np.ones((2, 15)), tmp_path / "rewards.png")
 
 

@@ -27,7 +27,7 @@ LONGEST = {
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
     "tests/README.md": 40,
-    "tests/exercises/course.md": 375,
+    "tests/exercises/course.md": 381,
     "tests/exercises/projects.md": 215,
     "tests/exercises/teaching.md": 125,
 }
@@ -179,6 +179,8 @@ def test_shipped_files_show_something_and_have_a_study_and_a_page():
     pages = " ".join(path.read_text("utf-8") for path in ROOT.rglob("*.md"))
     for path in RESULTS.rglob("*.[gp][in][fg]"):
         assert f"{path.name})" in pages, f"{path}: no page shows it"
+    for name, below in re.findall(r"!\[[^]]+\]\((.+?)\)\n *(.?)", pages):
+        assert below == "*", f"{name}: below it stands no caption: what is there to see?"
     for path in RESULTS.glob("*/studies/*"):
         study = path.name.split(".")[0]
         assert (ROOT / "tests" / "studies" / f"{study}.py").is_file(), f"{path}: no study"

@@ -15,6 +15,7 @@ import common
 import film
 import kicks
 import ladder
+import matplotlib as mpl
 import mujoco
 import numpy as np
 import peers
@@ -22,7 +23,7 @@ import PIL.Image
 import pytest
 import seeds
 import walk
-from checks import close, equal
+from checks import close, equal, letters_are_large
 from common import env, evaluate, ppo, robot_model, walk_engine
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
@@ -43,6 +44,7 @@ def test_every_study_says_its_question_and_then_its_duration(name, capsys, monke
     for fake in ("table", "plot"):
         monkeypatch.setattr(study, fake, lambda *_: "a table\n", raising=False)
     monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: path.write_text(figure))
+    monkeypatch.setattr(common, "CAPTIONS", {name: "what to see"})
     main = getattr(study, "main", partial(common.main, name))
     only = ["--only", part] if part and name != "walk" else []
     main([flag, "--out", str(tmp_path), *only])
@@ -78,8 +80,39 @@ def test_a_figure_of_the_shipped_numbers_has_something_in_every_panel(path):
     if hasattr(study, "plot") and path.stem != "walk" and [*study.PARTS][0] in found:
         figure = study.plot(found, sim)
         assert all(axes.lines for axes in figure.axes)
+        letters_are_large(figure)
         with mock.patch("time.perf_counter", side_effect=itertools.count(step=2)):  # busy
             robot_model.pixels(figure)  # matplotlib warns where a legend has no place of its own
+
+
+def test_letters_and_colours_of_the_pictures_that_stages_and_films_draw(monkeypatch):
+    """Letters are large enough to read on a page. Nothing is blue or orange but the feet."""
+    figures, none = [], {"fall": [False], "timeout": [False], "success": [True]}
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: figures.append(figure))
+    double_step = evaluate.double_step
+    monkeypatch.setattr(evaluate, "double_step", lambda *walk: double_step(*walk) | none)
+    with mpl.rc_context(robot_model.STYLE):
+        engine, simulator = walk_engine.walkers("pymunk", 1)
+        simulator.reset([0])
+        plan = engine.plan([walk_engine.WALKS["forward"]], [0])
+        walk_engine.plot_plan(engine, plan, simulator.run([0], plan), "")
+        tilts = [[0.1, 0.2], [0.1, 1.0]]
+        pushes = dict.fromkeys("abc", (tilts, np.array([False, True])))
+        walk_engine.plot_push(pushes, engine, "")
+        env.plot_rewards({f"r_{k}": np.ones(3) for k in range(8)}, np.ones((2, 15)), "")
+        ppo.plot_learning_curve([{"steps": 1, "time": 2.0}], "", "a title")
+        world = env.FootstepWorld(1)
+        planner = {"a name": evaluate.BaselinePlanner()}
+        evaluate.plot_footsteps(world, planner, evaluate.Trials(np.zeros((1, 3)), 0), "")
+        figures += [draw("pymunk") for draw in film.PICTURES]
+        lines = [line.get_color() for line in figures[2].axes[0].lines]
+    for figure in figures:
+        letters_are_large(figure)
+    red, green, blue = np.transpose([mpl.colors.to_rgb(color) for color in lines])
+    foot = (blue > red + 0.2) & (blue > green + 0.2) | (red > green + 0.2) & (green > blue + 0.2)
+    assert len({*lines}) == 8 and not foot.any(), f"names are told by colour: {lines}"
+    colors = [line.get_color() for line in figures[1].axes[0].lines]
+    assert colors == ["0.5", "tab:red"], "who falls is red"
 
 
 def test_walks_are_those_of_stage_05_set_by_set():
@@ -94,7 +127,7 @@ def test_walks_are_those_of_stage_05_set_by_set():
 
 
 @pytest.mark.slow
-def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, monkeypatch):
+def test_a_film_goes_to_three_goals_and_holds_a_push_and_each_goal(tmp_path, monkeypatch):
     """As if a goal were reached after three double steps. The robot is not drawn: it takes long."""
     goals, pushed, double_step = [], [], evaluate.double_step
 
@@ -106,17 +139,20 @@ def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, mo
 
     monkeypatch.setattr(evaluate, "double_step", step)
     monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
-    figure, axes = common.subplots(figsize=(1, 1))
+    figure, axes = common.subplots(figsize=(6, 1))
     planner = evaluate.BaselinePlanner()
     pictures = film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE)
     film.save(figure, pictures, tmp_path / "film.gif")
     equal(goals, np.repeat(film.GOALS, 3, axis=0), "one after the other")
     close(pushed, np.eye(9)[5] * 0.6, "once, on the way to the second one")
     seconds = 9 * 2 * 0.31  # nine double steps
-    assert f" {seconds - 0.06:.1f} s" in axes.get_title(), "no time is lost"
+    assert axes.get_title().endswith(f"arrived, {seconds:.1f} s"), "no time is lost"
     with PIL.Image.open(tmp_path / "film.gif") as shown:
         frames = PIL.ImageSequence.Iterator(shown)
-        close(sum(frame.info["duration"] for frame in frames) / 1000, seconds, atol=0.3)
+        lasting = np.array([frame.info["duration"] for frame in frames]) / 1000  # [s]
+    held = lasting[lasting > 0.5]
+    close(held, [0.08 * film.HELD] * 4, "a push as it begins, three goals", atol=0.09)
+    close(lasting.sum(), seconds + 4 * 0.08 * (film.HELD - 0.5), "else in real time", atol=0.4)
     again = [*film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE)]
     assert len(again) == 2 * 8, "a film ends with a fall, here in the second double step"
     first, other = (film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE) for _ in range(2))
@@ -125,8 +161,9 @@ def test_a_film_goes_to_three_goals_and_shows_one_push_in_real_time(tmp_path, mo
 
 def test_the_film_of_a_training_says_how_long_each_policy_has_learned():
     _, panels = common.subplots(1, 3, figsize=(3, 1))
-    next(film.training(panels, "pymunk"))
-    titles = [f"{steps} double steps, 0.0 s" for steps in ("1,024", "25,600", "250,880")]
+    next(film.training(panels, "mujoco"))
+    steps = "1,024", "25,600", "250,880"
+    titles = [f"{count} double steps\nof training, 0.0 s" for count in steps]
     assert [axes.get_title() for axes in panels] == titles
 
 

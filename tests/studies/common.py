@@ -37,6 +37,27 @@ BEFORE = {  # studies in results/<sim>/studies that were not made with the stage
     "pymunk": ["baseline", "peers", "walk"],
     "mujoco": ["baseline", "cluster", "kicks", "seeds", "transfer", "walk"],
 }
+CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
+    "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
+    "mark keeps the rule, a hollow one breaks it, for not being *still there*; a circle: chosen. "
+    "Whoever is quicker with as few falls is farther down. Below: the searches for both planners.",
+    "kicks": "Far walks with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
+    "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
+    "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
+    "and its 95 % interval. See which curve stays below the green one.",
+    "peers": "One training with each learner, the same settings, seed and number of double steps.",
+    "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
+    "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
+    "steps at once, with which the robot falls.",
+    "seeds.pairs": "A point is a goal, reached by both planners in the same world; it is moved by up "
+    "to 0.2 s, so that none hides another. Below the line the policy is quicker. See how far the "
+    "points spread: the planner that is quicker on average is not quicker everywhere.",
+    "walk": "Each cell: some robots take eight double steps; the darker, the more of them fall. Green: "
+    "the step limits. They were chosen so that the cells inside are nearly white. (The yaw is drawn to "
+    "the smaller of its two limits, since both feet turn alike.)",
+    "walk.tune": "Each point: the mean of the 12 candidates of a generation, in worlds of its own. "
+    "Look at how much chance is in one generation, and whether a search still falls at its end.",
+}
 CANDIDATES = 12  # in a generation of a search
 PER_SET = 500  # robots of a world, so goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
@@ -90,7 +111,7 @@ def publish(study, part, args):
 def tables_and_figures(study, found, path):
     """Returns the page of a study: what `table` makes of its numbers, and the pictures beside them."""
     pictures = sorted(path.parent.glob(f"{path.stem}*.[gp][in][fg]"))
-    shown = (f"\n![{picture.stem}]({picture.name})\n" for picture in pictures)
+    shown = (f"\n![{p.stem}]({p.name})\n*{CAPTIONS[p.stem]}*\n" for p in pictures)
     return "".join([tables(study, found), *shown])
 
 
@@ -189,14 +210,6 @@ def pick(rows, **wanted):
 def values(rows, key, **wanted):
     """What the rows with these values have under a key."""
     return [row[key] for row in pick(rows, **wanted)]
-
-
-def draw_falls(axis, rows, key, shift, **look):
-    """Draws falls in % with their 95 % intervals over what the rows have under this key; a small
-    shift, so that no interval hides another."""
-    fall, ends = (100 * np.array(values(rows, name)) for name in ("fall", "fall_ci95"))
-    bars = np.abs(ends.T - fall)
-    axis.errorbar(np.add(values(rows, key), shift), fall, bars, capsize=3, **look)
 
 
 def opponents(sim):

@@ -17,7 +17,7 @@ import common
 import mujoco
 import numpy as np
 import seeds
-from common import env, evaluate, pick, robot_model, values
+from common import env, evaluate, pick, robot_model
 
 DURATION = "pushes: 2 minutes on two cores, worlds: 7; 3-D: pushes 4, worlds 20, steps 25"
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
@@ -198,7 +198,7 @@ def study_steps(args):
     return rows
 
 
-PARTS = {"pushes": study_pushes, "worlds": study_worlds, "steps": study_steps}
+PARTS = {"steps": study_steps, "pushes": study_pushes, "worlds": study_worlds}
 
 
 WALKED = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
@@ -211,19 +211,17 @@ COLUMNS = {
 
 
 def plot(found, sim):
-    """Draws the falls over Δv, one colour for each planner, with 95 % intervals."""
-    rows = found["pushes"]["rows"]
-    figure, axis = common.subplots(figsize=(8, 4))
-    for shift, name in enumerate(dict.fromkeys(values(rows, "planner"))):
-        look = {"color": common.COLORS[name], "label": name}
-        common.draw_falls(axis, pick(rows, planner=name), "speed", 0.004 * shift, **look)
-    axis.set(
-        xlabel="push: Δv of the torso [m/s]",
-        ylabel="falls [% of the walks]",
-        title=f"Pushed every 3 s on average, on the way to far goals ({sim})",
-        ylim=(0, None),
-    )
-    axis.legend(loc="upper left")
+    """Draws how often the robot falls with these answers to a push, with 95 % intervals."""
+    figure, panels = common.subplots(1, 2, figsize=(9, 3.4), sharey=True)
+    for axes, push in zip(panels, (0.4, 0.6)):
+        for height, answer in enumerate(reversed(ANSWERS)):
+            (row,) = pick(found["steps"]["rows"], world=FLAT, push=push, answer=answer)
+            ends = 100 * np.array(row["fall_ci95"])
+            axes.barh(height, 100 * row["fall"], color="tab:red", alpha=0.6)
+            axes.plot(ends, [height, height], "k", lw=2)
+            axes.text(ends[1] + 2, height, f"{row['falls']} of {row['episodes']:,}", va="center")
+        axes.set(title=f"pushed by {push} m/s", xlabel="falls [% of the walks]", xlim=(0, 100))
+    panels[0].set_yticks(range(len(ANSWERS)), reversed(ANSWERS))
     return figure
 
 

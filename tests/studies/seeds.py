@@ -10,7 +10,7 @@ its way to far goals. The trainings must be there, made by
 `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. baseline.py chooses the
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
-claims? Also for a simpler filter. Writes seeds.estimate.png.
+claims? Also for a simpler filter.
 pairs: times of the policy and of `expert`, goal by goal, from results/<sim>/trials.csv. Writes
 seeds.pairs.png.
 """
@@ -188,33 +188,13 @@ def study_estimate(args):
             for axis, e, c in zip(AXES, error, claimed):
                 row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
             rows.append(row)
-    robot_model.save_figure(plot_estimate(rows, args.sim), args.out / "seeds.estimate.png")
     return {"goals": common.PER_SET, "rows": rows}
-
-
-def plot_estimate(rows, sim):
-    """Draws errors and claimed errors over the distance, a colour for each filter."""
-    figure, panels = common.subplots(1, 3, figsize=(11, 4.2))
-    for panel, (name, unit) in zip(panels, AXES.items()):
-        for k, title in enumerate(FILTERS):
-            error, ratio = (
-                np.array(values(rows, f"{name}_{key}", filter=title)) for key in ("error", "ratio")
-            )
-            panel.plot(error, f"C{k}o-", label=f"{title}: true error")
-            panel.plot(error / ratio, f"C{k}x--", label=f"{title}: the error that it expects")
-        rings = [f"to {end}" for end in RINGS[1:-1]] + ["more"]
-        panel.set_xticks(range(len(rings)), rings)
-        label = f"root mean square error [{unit}]"
-        panel.set(title=name, xlabel="distance of the goal [m]", ylabel=label, ylim=(0, None))
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    figure.suptitle(f"The estimate of a far goal, on the way to it ({sim})")
-    return figure
 
 
 def study_pairs(args):
     """How often, and by how much, the policy is faster than the expert on the same goal; a figure."""
     walks = common.read_trials(RESULTS / args.sim / "trials.csv")
-    figure, panels = common.subplots(1, 2, figsize=(10, 5))
+    figure, panels = common.subplots(1, 2, figsize=(9, 5))
     rows = []
     for panel, std in zip(panels, common.STD.values()):
         policy, expert = (walks[name, True, std] for name in ("policy", "expert"))
@@ -236,9 +216,6 @@ def study_pairs(args):
             title=f"goals σ {std} m: the policy is faster in {100 * ratio['faster']:.0f} %,\n"
             f"slower in {100 * ratio['slower']:.0f} % of {ratio['goals']} walks",
         )
-    figure.suptitle(
-        f"A point is a goal, moved by up to 0.2 s; below the line the policy is faster ({args.sim})"
-    )
     robot_model.save_figure(figure, args.out / "seeds.pairs.png")
     return rows
 
@@ -277,27 +254,22 @@ COLUMNS = {
 
 
 def plot(found, sim):
-    """Draws time and falls over the distance of the goal, with 95 % intervals."""
+    """Draws how much later than the policy the others arrive, over the distance of the goal."""
     rows, goals = found["distances"]["rows"], found["distances"]["goals"]
-    figure, (times, falls) = common.subplots(1, 2, figsize=(11, 4.4))
-    styles = {"policy": "o-", "expert": "s--", "baseline_tuned": "^:", EXACT: "-"}
-    for shift, (name, style) in enumerate(styles.items()):
+    figure, axes = common.subplots(figsize=(9, 4.5))
+    policy = np.array(values(rows, "time_mean", planner="policy"))
+    for name in dict.fromkeys(values(rows, "planner")):
         own = pick(rows, planner=name)
-        look = {"fmt": style, "color": common.COLORS.get(name, "tab:pink"), "label": name}
+        later = np.array(values(own, "time_mean")) - policy
         bars = 1.96 * np.array(values(own, "time_std")) / goals**0.5
-        times.errorbar(DISTANCES, values(own, "time_mean"), bars, **look)
-        if name != EXACT:
-            common.draw_falls(falls, own, "distance", 0.05 * shift, **look)
-    plan = values(own, "plan")
-    times.plot(DISTANCES, plan, color="0.5", label="plan: turn, largest steps ahead or back, turn")
-    times.set_ylabel("mean time of the successes [s]")
-    falls.set_ylabel("falls [% of the walks]")
-    for axis in (times, falls):
-        axis.set(xlabel="distance of the goal [m]", ylim=(0, None))
-    figure.legend(*times.get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.suptitle(
-        f"Any direction and yaw, {goals} walks a point, with noise, bars: 95 % intervals ({sim})"
-    )
+        color = common.COLORS.get(name, "tab:pink")
+        axes.errorbar(DISTANCES, later, bars, fmt="o-", color=color)
+        axes.text(DISTANCES[-1] + 0.1, later[-1], name, color=color, va="center")
+    plan = np.array(values(own, "plan")) - policy
+    axes.plot(DISTANCES, plan, color="0.5")
+    axes.text(DISTANCES[-1] + 0.1, plan[-1], "a plan: turn, walk, turn", color="0.5", va="center")
+    axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
+    axes.set_xlim(-0.1, 8.2)
     return figure
 
 

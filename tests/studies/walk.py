@@ -388,19 +388,16 @@ def table(found):
 
 def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
-    figure, axes = common.subplots(1, 3, figsize=(14, 4.4))
+    figure, axes = common.subplots(1, 3, figsize=(9, 3.6))
     for axis, (title, (label, second, steps)) in zip(axes, MAPS.items()):
         falls = found["limits"][title]["falls"]
-        image = axis.pcolormesh(X, second, falls, cmap="magma_r", vmin=0, vmax=1)
+        image = axis.pcolormesh(X, second, falls, cmap="Greys", vmin=0, vmax=1)
         fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
         inside = allowed(cells(steps, fine, other), env.LIMITS[sim])
-        axis.contour(fine, other, inside, [0.5], colors="tab:cyan", linewidths=2)
+        axis.contour(fine, other, inside, [0.5], colors="tab:green", linewidths=2)
         axis.grid(False)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
     figure.colorbar(image, ax=axes, label="share of falls in 8 double steps")
-    figure.suptitle(
-        f"Which steps make the robot fall ({sim}); {REPEATS} robots a cell; light blue: limits"
-    )
     return figure
 
 
