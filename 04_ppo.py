@@ -463,16 +463,16 @@ PANELS = {  # title and unit: column
 def plot_learning_curve(rows, path, title):
     """Draws the log: a dot for each update, and a line, the mean over a twentieth of them.
     What is normal (numbers: first and last fifth of both `results/<sim>/learning_curve.csv`)?
-    Successes are near 1, but for update 10 or 11, when the first episodes run out of time together.
+    Successes are near 1, but for update 11, when the first episodes run out of time together.
     Before it, and just after it, only short walks end: these times are too low. Then times of
-    successes fall. Falls rise from less than 0.001 of the walks to 0.002 or 0.003: the first policy
+    successes fall. Falls rise from 0 to 0.001 (3-D) or 0.003 (2-D) of the walks: the first policy
     mostly steps on the spot, and a robot that learns to be quick falls sometimes. The entropy, how
-    random the policy is (in nats: with natural logarithms), falls. At first 0.44 of the samples are
-    outside of 1 ± ε, at the end 0.23 ([8] logs the mean over its gradient steps, which is smaller).
+    random the policy is (in nats: with natural logarithms), falls. At first 0.41 of the samples are
+    outside of 1 ± ε, at the end 0.21 ([8] logs the mean over its gradient steps, which is smaller).
     The KL (Kullback-Leibler divergence, how far a rollout moves the policy) falls from 0.04 to 0.02
     nats. The explained variance, how much of the differences between the critic's targets V
-    predicts, rises from about 0 to 0.2, and is below 0 in a quarter (2-D) or a third (3-D) of the
-    updates: even the true goal tells little of what a walk will return (see projects.md). At 1 V
+    predicts, rises from less than 0.1 to 0.2, and is below 0 in one update of six (2-D) or eight
+    (3-D): even the true goal tells little of what a walk will return (see projects.md). At 1 V
     would predict the targets but for a constant, at 0 it is no better than their mean.
 
     KL(π_old‖π) = E[−ln ρ] [nats], mean over π_old. We take the mean of (ρ − 1) − ln ρ: it is the
