@@ -543,7 +543,7 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
     (["--policy", "text.py"], "text.py: damaged, or not written by this 04_ppo.py"),
     (["--policy", "other.pt"], "other.pt: trained in mujoco"),
     (["--policy", "blind.pt"], "blind.pt: .*observ"),
-    (["--mujoco"], "results/mujoco/policy.pt: no such file"),
+    (["--policy", "missing.pt"], "missing.pt: no such file"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: .*Planner"),
     (["--robot", "text.py"], "text.py: .*(ROBOT|WALK|LIMITS)"),
@@ -847,7 +847,7 @@ def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(
     landed = middles_of_soles(world) @ camera.T
     # The planar robot's legs cannot spread: its left foot lands nearer to the right one.
     first = int(world.engine.planar)
-    close(drawn[first:], landed[first:], "there the foot lands", atol=0.02)
+    close(drawn[first:], landed[first:], "there the foot lands, but for a step's error", atol=0.03)
     assert len(feet) == 3, "where the feet stood before each double step"
     for poses in zip(*shown):
         count = len(np.unique(poses, axis=0))
