@@ -481,6 +481,7 @@ def plot_learning_curve(rows, path, title):
     width = len(rows) // 20 + 1
     figure = robot_model.Figure(figsize=(9, 11))
     grid = figure.subplots(4, 2, sharex=True)
+    grid[2, 0].set_yscale("log")  # of the time
     for axes, (name, column) in zip(grid.flat, PANELS.items()):
         values = np.array([row.get(column, np.nan) for row in rows])
         mean = np.convolve(values, np.ones(width) / width, "valid")
@@ -489,7 +490,6 @@ def plot_learning_curve(rows, path, title):
         axes.plot(steps, values, "m.", alpha=0.2)
         axes.set_title(name)
     axes.set_ylim(-0.5, 1.05)  # of the last panel: while all returns are alike it may be −10
-    grid[2, 0].set_yscale("log")  # of the time
     figure.supxlabel("double steps of all robots [thousands]")
     figure.suptitle(f"{title}; dots: updates, lines: means of a twentieth of them")
     robot_model.save_figure(figure, path)

@@ -109,7 +109,7 @@ def test_search_decides(small_map, change, x, last, moves, why):
     actions[:, 0] = 0.2 * np.arange(4)  # they differ by 0.2 from one to the next
     steps = env.to_footsteps(actions, LIMITS)
     planner = search.Planner((steps, LATTICE, search.steps_to_go(LATTICE, HERE), change))
-    (action,) = planner.act(view([[-x, 0, 0]], actions=actions[None, [last]]))
+    (action,) = planner.act(view([[-x, 0, 0]], last_action=actions[[last]]))
     assert np.abs(actions - action).max(-1).argmin() in moves, why
 
 

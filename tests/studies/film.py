@@ -193,7 +193,7 @@ def main(argv=None):
         robot_model.save_figure(draw(args.sim), args.out / f"{draw.__name__}.png")
     planner = common.policy(args.policy or RESULTS / args.sim / "policy.pt", args.sim)
     scene, axes = common.subplots(figsize=(8, 4))
-    row, panels = common.subplots(1, 3, figsize=(9, 3))
+    row, panels = common.subplots(1, 3, figsize=(9, 2.6))
     row.supxlabel("squares of 0.25 m; twice as fast as the robot")
     films = {
         "animation.gif": (scene, walk(axes, planner, args.sim, GOALS, TITLE)),
