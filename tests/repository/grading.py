@@ -237,6 +237,11 @@ NUMBERS = (
     r"^ +(\d+) +\| (.*?) +\| (.*?) *$",
 )
 
+# What Python and NumPy say of arrays in a function for one robot
+NOT_ONE = (
+    r"\w+Error: (too many values|not enough values|The truth value|operands could not|only .*array)"
+)
+
 
 def hint(report):
     """What a failing test says, in a few words: its author's message, if there is one."""
@@ -254,6 +259,8 @@ def hint(report):
         "what is given must not be written to",
         text,
     )
+    if re.match(NOT_ONE, text):
+        text = f"{text.splitlines()[0]}: your function gets batches [n, …]"
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |\(shapes| ACTUAL)", text, flags=re.M)[0]

@@ -35,7 +35,7 @@ def wrap(angle):
 
 
 @wrong("wraps the yaw", "without wrap")
-@wrong("one pose, no batch", "too many values")
+@wrong("one pose, no batch", "batches [n, …]")
 def compose(base, pose):
     if mistake == "one pose, no batch":
         x, y, yaw = base
@@ -48,7 +48,7 @@ def compose(base, pose):
 @wrong("roll and pitch apart", "roll 35°, pitch 35°")
 @wrong("roll and pitch added up", "roll 32°, pitch 32°")
 @wrong("0.2 m by heart", "of 0.6 m")
-@wrong("or", "truth value")
+@wrong("or", "batches [n, …]")
 def fallen(torso, standing_height):
     roll, pitch = np.moveaxis(torso[..., 3:5], -1, 0)
     tilted = {
@@ -60,7 +60,59 @@ def fallen(torso, standing_height):
     return (low or tilted) if mistake == "or" else low | tilted
 
 
+@right("link by link along each chain")
+@wrong("R turned round", "the torso: its rotation is wrong (it is transposed)")
+@wrong("roll before yaw", "the left hip: its rotation")
+@wrong("hip_x is forgotten", "the left thigh: its origin")
+@wrong("rows for columns", "the left shin: its origin")
+@wrong("both legs at the left hip", "the right hip: its origin")
+def body_frames(robot, torso, joints):
+    origins, turns = [torso[..., :3]], [rotation(*np.moveaxis(torso[..., 3:], -1, 0))]
+    if mistake == "R turned round":
+        turns = [turns[0].mT]
+    angles, zero = np.moveaxis(joints, -1, 0), 0 * joints[..., 0]
+    hips = robot.hips[[0, 0]] if mistake == "both legs at the left hip" else robot.hips
+    ahead = 0 if mistake == "hip_x is forgotten" else robot.hip_x
+    for hip, leg in zip(hips, (angles[:6], angles[6:])):
+        yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
+        turn = rotation(zero, zero, yaw) @ rotation(roll, zero, zero)
+        if mistake == "roll before yaw":
+            turn = rotation(roll, zero, zero) @ rotation(zero, zero, yaw)
+        chain = {
+            (*hip,): turn,
+            (ahead, 0, 0): rotation(zero, pitch, zero),
+            (0, 0, -robot.thigh_length): rotation(zero, knee, zero),
+            (0, 0, -robot.shin_length): rotation(ankle_roll, ankle_pitch, zero),
+        }
+        place, turn = origins[0], turns[0]
+        for away, further in chain.items():
+            axes = turn.mT if mistake == "rows for columns" and away[2] < -0.1 else turn
+            place, turn = place + axes @ away, turn @ further
+            origins.append(place)
+            turns.append(turn)
+    return np.stack(origins, -2), np.stack(turns, -3)
+
+
 # ------------------------------------------------------------------------ stage 2
+@right("by einsum")
+@wrong("the foot that swings", "which foot?")
+@wrong("the hip instead of the ankle", "which joints?")
+@wrong("roll and pitch exchanged", "which axis?")
+@wrong("turns back", "which sign?")
+@wrong("limits the error", "how much?")
+@wrong("limits one side", "which limit?")
+def reflex(error, swings, p):
+    if mistake == "limits the error":
+        error = np.clip(error, -REFLEX_LIMIT, REFLEX_LIMIT)
+    low = -REFLEX_LIMIT if mistake != "limits one side" else -1
+    turn = np.clip((-p.reflex if mistake == "turns back" else p.reflex) * error, low, REFLEX_LIMIT)
+    feet = swings if mistake == "the foot that swings" else 1.0 - swings
+    added = np.zeros((*swings.shape, 6))
+    places = {"the hip instead of the ankle": [1, 2], "roll and pitch exchanged": [4, 5]}
+    added[..., places.get(mistake, [5, 4])] = np.einsum("nf,na->nfa", feet, turn)
+    return added.reshape(len(error), 12)
+
+
 @right("tick by tick")
 @wrong("moves by a cubic", "without acceleration")
 def _swing(self, start, landing):
@@ -272,8 +324,8 @@ def improve(model, optimizer, data, cfg):
 
 
 # ------------------------------------------------------------------------ stage 5
-@wrong("one long Euler step", "exp(−t/τ)")
-@wrong("of one number only", "arrays")
+@wrong("one long Euler step", "by Euler")
+@wrong("of one number only", "batches [n, …]")
 def low_pass(velocity, command, seconds, time_constant):
     if mistake == "of one number only":
         velocity, command = float(velocity), float(command)
@@ -281,7 +333,7 @@ def low_pass(velocity, command, seconds, time_constant):
 
 
 @right("as the formula is written, not clipped")
-@wrong("no width at 0 and 1", "Wilson")
+@wrong("no width at 0 and 1", "Wald")
 def wilson(count, total, z=1.96):
     p, n = count / total, total
     if mistake == "no width at 0 and 1":
