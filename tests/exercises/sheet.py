@@ -51,11 +51,31 @@ def left_out(source, exercise):
         return False
 
 
-def lesson(number):
-    """The exercises of a lesson of course.md, without those in parentheses."""
+def part(number):
+    """A lesson of course.md."""
     page = (ROOT / "tests/exercises/course.md").read_text("utf-8")
-    _, _, part = page.partition(f"\n## Lesson {number}: ")
-    return re.findall(r"\s`build\.(\w+)`", part.partition("\n## ")[0])
+    return page.partition(f"\n## Lesson {number}: ")[2].partition("\n## ")[0]
+
+
+def lesson(number):
+    """The exercises of a lesson, without those in parentheses."""
+    return re.findall(r"\s`build\.(\w+)`", part(number))
+
+
+def own_code(solved, folder):
+    """The commands with which solved exercises run in the robot, of each lesson that has one of
+    them; none if another function in this folder is still empty."""
+    if any('"exercise: ' in path.read_text("utf-8", "replace") for path in folder.glob("*.py")):
+        return
+    for number in range(1, 12):
+        if {*lesson(number)} & {*solved}:
+            (told,) = re.findall(r"^- Your own code: `([^`]+)`", part(number), re.MULTILINE)
+            yield re.sub(r"exercises/lesson\d+", shown(folder), " ".join(told.split()))
+
+
+def shown(folder):
+    """Its path, seen from the root."""
+    return (folder.relative_to(ROOT) if folder.is_relative_to(ROOT) else folder).as_posix()
 
 
 def body_of(source, name, since=""):
@@ -155,9 +175,8 @@ def main():
         lines = texts[f"{row.file}.py"].splitlines()
         gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
         print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")
-    folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
     some = names if args.only or args.lesson else names[:1]
-    graded = command(f'"{" or ".join(some)}"', f'"{folder}"')
+    graded = command(f'"{" or ".join(some)}"', f'"{shown(out)}"')
     print(f"To be written in {out}. Graded, from {ROOT}, by\n    {graded}")
 
 

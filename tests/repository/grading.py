@@ -24,7 +24,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from sheet import ROOT, left_out  # of tests/exercises
+from sheet import ROOT, left_out, own_code  # of tests/exercises
 from workbook import BOOK, graded_by
 
 PATIENCE = 6  # [s] for an import or a test; a sixth for other tests of an exercise that was late
@@ -194,8 +194,7 @@ class Grading:
     @pytest.hookimpl(trylast=True)
     def pytest_terminal_summary(self, terminalreporter):
         write = terminalreporter.write_line
-        stars = 0
-        solved = 0
+        solved = []
         if self.keyword and not any(names for names, _ in self.found.values()):
             write(
                 f"-k {self.keyword}: no exercise is called like that. There are: {', '.join(BOOK)}"
@@ -205,15 +204,14 @@ class Grading:
         for name in self.chosen:
             results = [said for names, said in self.found.values() if name in names]
             row = BOOK[name]
-            head = f"{name} {BOOK[name].stars * '★'}"
+            head = f"{name} {row.stars * '★'}"
             passed = results.count(None)
             if name in self.missing:
                 write(f"{head}: {self.missing[name]}")
             elif not results:
                 write(f"{head}: not graded, its tests were not run")
             elif passed == len(results):
-                stars += row.stars
-                solved += 1
+                solved.append(name)
                 write(f"{head}: solved, {passed} of {passed} tests pass", green=1)
             else:
                 write(f"{head}: {passed} of {len(results)} tests pass", red=1)
@@ -221,9 +219,11 @@ class Grading:
                 for text in [*said.values()][:4]:
                     write(f"  - {text}")
                 write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
-        total = sum(BOOK[name].stars for name in self.chosen)
+        for told in own_code(solved, self.folder):
+            write(f"Run your own code: {told}")
+        stars, total = (sum(BOOK[name].stars for name in names) for names in (solved, self.chosen))
         write(
-            f"{self.folder.name}: {solved} of {len(self.chosen)} exercises solved, "
+            f"{self.folder.name}: {len(solved)} of {len(self.chosen)} exercises solved, "
             f"{stars} of {total} stars"
         )
 

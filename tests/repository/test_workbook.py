@@ -162,8 +162,8 @@ def test_the_sheet_of_a_lesson_has_its_exercises_and_its_studies_run(tmp_path, m
     words = last_words(grade(folder))
     assert words.count(": not in this sheet\n") == len(BOOK) - 1, words
     assert "look_up is not written yet" in words
-    assert f" 0 of {len(BOOK)} exercises solved, 0 of " in words, (
-        "an untouched sheet earns no stars"
+    assert f" 0 of {len(BOOK)} exercises solved, 0 of " in words and "Run" not in words, (
+        "an untouched sheet earns no stars, and does not run"
     )
 
 
@@ -207,6 +207,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
         "alice smith: 1 of 7 exercises solved, 2 of 10 stars",
     ):
         assert re.search(says, words), f"{says}:\n{words}"
+    assert "Run your own" not in words, "a robot does not run with empty functions"
     assert len(words.splitlines()) <= 22, "the hints come last, and in a few lines"
 
 
@@ -285,6 +286,10 @@ def test_who_tests_in_several_processes_gets_the_same_grades(tmp_path):
     command = workbook.command('"wilson or low_pass or velocity_command"', folder)
     words = last_words(python(*shlex.split(command)[1:], **told))  # as the sheets say it
     assert "dan: 1 of 3 exercises solved, 2 of 4 stars" in words, words
+    run = f"{folder.as_posix()}/05_evaluate.py --"
+    assert words.count("Run your own code: python ") == words.count(run) == 1, (
+        "lesson 9 of course.md"
+    )
 
 
 @pytest.mark.parametrize("message, said", [
