@@ -54,6 +54,24 @@ def test_readme_and_list_agree():
                 assert said in part, f"{row.name}: where is {said}?"
 
 
+MINUTES = {f"build.{name}": row.minutes for name, row in BOOK.items()}
+for kind in "predict", "debug":
+    text = (FOLDER / f"{kind}.md").read_text("utf-8")
+    heads = re.findall(r"^## (\w+): .*\n\n(?:★+ )?(\d+) minutes", text, re.MULTILINE)
+    MINUTES |= {f"{kind}.{name}": int(minutes) for name, minutes in heads}
+
+
+@pytest.mark.parametrize("number", range(1, 12))
+def test_the_hours_of_a_lesson_are_the_sum_of_its_minutes(number):
+    """Of the reading, and of all exercises without parentheses."""
+    lesson = sheet.part(number).partition("<details>")[0]
+    names = re.findall(r"\s`((?:build|predict|debug)\.\w+)`", lesson)
+    (read,) = re.findall(r"Read \((\d+) minutes", lesson)
+    (hours,) = re.findall(r"^\*([\d.]+) hours? at home\.\*", lesson, re.MULTILINE)
+    total = int(read) + sum(MINUTES[name] for name in set(names))
+    assert abs(total - 60 * float(hours)) <= 15, f"lesson {number} takes {total} minutes"
+
+
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
         stem = Path(file).stem
