@@ -62,22 +62,6 @@ def lesson(number):
     return re.findall(r"\s`build\.(\w+)`", part(number))
 
 
-def own_code(solved, folder):
-    """The commands with which solved exercises run in the robot, of each lesson that has one of
-    them; none if another function in this folder is still empty."""
-    if any('"exercise: ' in path.read_text("utf-8", "replace") for path in folder.glob("*.py")):
-        return
-    for number in range(1, 12):
-        if {*lesson(number)} & {*solved}:
-            (told,) = re.findall(r"^- Your own code: `([^`]+)`", part(number), re.MULTILINE)
-            yield re.sub(r"exercises/lesson\d+", shown(folder), " ".join(told.split()))
-
-
-def shown(folder):
-    """Its path, seen from the root."""
-    return (folder.relative_to(ROOT) if folder.is_relative_to(ROOT) else folder).as_posix()
-
-
 def body_of(source, name, since=""):
     """(first, end, indent): lines[first:end] are to be written, all behind the docstring."""
     node = function_in(ast.parse(source), name)
@@ -175,8 +159,9 @@ def main():
         lines = texts[f"{row.file}.py"].splitlines()
         gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
         print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")
+    folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
     some = names if args.only or args.lesson else names[:1]
-    graded = command(f'"{" or ".join(some)}"', f'"{shown(out)}"')
+    graded = command(f'"{" or ".join(some)}"', f'"{folder}"')
     print(f"To be written in {out}. Graded, from {ROOT}, by\n    {graded}")
 
 
