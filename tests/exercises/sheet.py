@@ -4,8 +4,8 @@
     python tests/exercises/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
     python tests/exercises/sheet.py --only gae quintic   only these are empty
 
-Docstrings stay, and comments on a line of their own. What is there is overwritten only with
---force. The last line of each file tells the grader what was empty in it.
+Docstrings stay, and comments on a line of their own. Only --force
+overwrites. The last line of each file tells the grader what was empty in it.
 """
 
 import ast
@@ -53,8 +53,8 @@ def left_out(source, exercise):
 
 def part(number):
     """A lesson of course.md."""
-    page = (ROOT / "tests/exercises/course.md").read_text("utf-8")
-    return page.partition(f"\n## Lesson {number}: ")[2].partition("\n## ")[0]
+    page = ROOT / "tests/exercises/course.md"
+    return page.read_text("utf-8").partition(f"\n## Lesson {number}: ")[2].partition("\n## ")[0]
 
 
 def lesson(number):

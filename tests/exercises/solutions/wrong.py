@@ -46,7 +46,6 @@ def compose(base, pose):
 
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
 @wrong("roll and pitch apart", "roll 35°, pitch 35°")
-@wrong("0.2 m by heart", "of 0.6 m")
 @wrong("or", "batches [n, …]")
 def fallen(torso, standing_height):
     roll, pitch = np.moveaxis(torso[..., 3:5], -1, 0)
@@ -54,7 +53,7 @@ def fallen(torso, standing_height):
         "√(roll² + pitch²)": np.hypot(roll, pitch) > np.pi / 4,
         "roll and pitch apart": np.maximum(np.abs(roll), np.abs(pitch)) > np.pi / 4,
     }.get(mistake, np.cos(roll) * np.cos(pitch) < np.cos(np.pi / 4))
-    low = torso[..., 2] < (0.2 if mistake == "0.2 m by heart" else standing_height / 2)
+    low = torso[..., 2] < standing_height / 2
     return (low or tilted) if mistake == "or" else low | tilted
 
 
@@ -251,7 +250,6 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("actions of other samples", "still belong together")
 @wrong("π_old in the order of the rollout", "of the same `pick`")
 @wrong("ρ is always 1", "π_old")
-@wrong("most samples are not used", "all 128 samples")
 @wrong("the last, smaller minibatch is dropped", "all 128 samples")
 @wrong("half the squared error", "without a half")
 @wrong("never shuffled", "every epoch shuffles")
@@ -271,9 +269,7 @@ def improve(model, optimizer, data, cfg):
         if mistake == "never shuffled":
             order = order.sort()[0]
         picks = order.split(cfg.minibatch)
-        if mistake == "most samples are not used":
-            picks = picks[:1]
-        elif mistake == "the last, smaller minibatch is dropped":
+        if mistake == "the last, smaller minibatch is dropped":
             picks = [pick for pick in picks if len(pick) == cfg.minibatch]
         for pick in picks:
             seen = torch.randperm(len(obs))[: len(pick)] if "other" in mistake else pick
@@ -336,7 +332,6 @@ def wilson(count, total, z=1.96):
 @wrong("β near the goal, too", "turn to α")
 @wrong("the yaw as given", "10° to the right")
 @wrong("each axis on its own", "a box")
-@wrong("round between the axes", "an ellipse")
 def velocity_command(goal, settings):
     d, alpha, beta = env.polar(goal)
     if mistake == "the yaw as given":
@@ -345,8 +340,6 @@ def velocity_command(goal, settings):
     front, back, side = settings.forward, settings.backward, settings.sideways
     x_max = np.where(cos >= 0, front, back)
     v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / side)
-    if mistake == "round between the axes":
-        v_max = 1 / np.hypot(cos / x_max, sin / side)
     v = np.minimum(settings.gain * d, v_max)
     far = (d > settings.far_m) | (mistake == "β near the goal, too")
     omega = settings.turning_gain * np.where(far, beta, alpha)
