@@ -174,36 +174,50 @@ def random_joints(rng, *shape):
     return rng.uniform(np.tile(low, 2), np.tile(high, 2), (*shape, 12))
 
 
+# What a mistake in a link's origin, and in its rotation, may be
+CHAIN = {
+    "torso": ("x, y, z as given", "Rz(yaw)·Ry(pitch)·Rx(roll)"),
+    "hip": ("R·robot.hips + torso, on its own side", "R·Rz(hip yaw)·Rx(hip roll), in this order"),
+    "thigh": ("hip_x along the first column of the hip's rotation", "hip's·Ry(hip pitch)"),
+    "shin": (
+        "−thigh_length along the third column of the thigh's rotation",
+        "pitches add up: hip's·Ry(hip pitch + knee)",
+    ),
+    "foot": (
+        "−shin_length along the third column of the shin's rotation",
+        "hip's·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll), in this order",
+    ),
+}
+LINKS = ["torso", *(f"{side} {link}" for side in ("left", "right") for link in [*CHAIN][1:])]
+
+
 @ROBOTS
 def test_forward_kinematics_and_the_centre_of_mass_equal_those_of_mujoco(robot):
     rng, shape = default_rng(0), (6, 8)
     poses = random_joints(rng, *shape)
     torsos = rng.uniform(-1.2, 1.2, (*shape, 6))
     frozen(torsos, poses)
-    origins, turns = robot_model.body_frames(robot, torsos, poses)
-    shapes = (*shape, 9, 3), (*shape, 9, 3, 3)
-    assert (origins.shape, turns.shape) == shapes, "torso [..., 6], joints [..., 12]: any [...]"
-    for i in np.ndindex(shape):
-        _, data = mujoco_at(torsos[i], poses[i], robot)
-        close(
-            origins[i],
-            data.xpos[1:],
-            "origins of torso; left hip, thigh, shin, foot; right ones: a length, the sign of a "
-            "pitch, pitches that do not add up, the order of hip yaw and roll, or a leg on the "
-            "other side?",
-        )
-        close(
-            turns[i].reshape(9, 9),
-            data.xmat[1:],
-            "rotations of the nine links in the world: the torso's, then hip yaw, roll, all "
-            "pitches; is the ankle's roll in the foot's, and behind all pitches?",
-        )
+    found = robot_model.body_frames(robot, torsos, poses)
+    for got, more in zip(found, ((9, 3), (9, 3, 3))):
+        assert np.shape(got) == (*shape, *more), "torso [..., 6], joints [..., 12]: any [...]"
+    data = [mujoco_at(torsos[i], poses[i], robot)[1] for i in np.ndindex(shape)]
+    origins = np.reshape([one.xpos[1:] for one in data], (*shape, 9, 3))
+    turns = np.reshape([one.xmat[1:] for one in data], (*shape, 9, 3, 3))
+    for k, link in enumerate(LINKS):
+        place, turn = CHAIN[link.split()[-1]]
+        said = f"the first wrong link is the {link}: its"
+        close(found[0][..., k, :], origins[..., k, :], f"{said} origin is wrong ({place})")
+        got, want = found[1][..., k, :, :], turns[..., k, :, :]
+        if np.allclose(got.mT, want):
+            turn = "it is transposed"
+        close(got, want, f"{said} rotation is wrong ({turn})")
+    for i, one in zip(np.ndindex(shape), data):
         (got,) = robot_model.centre_of_mass(robot, torsos[i][None], poses[i][None])
         hint = (
             "Σ mᵢ·pᵢ / Σ mᵢ, over all nine links, none with the mass of a geom; y of a right leg's "
             "centre is mirrored, as it is outward"
         )
-        close(got, data.subtree_com[0], hint)
+        close(got, one.subtree_com[0], hint)
 
 
 def left_leg(robot, joints):

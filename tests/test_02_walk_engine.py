@@ -118,17 +118,23 @@ def test_reflex_adds_its_gain_times_the_error_to_the_ankle_that_stands():
     error = np.array([[0.6, 0.8], [0.3, -99], [99, -0.1]])  # [rad/s] of roll, pitch
     swings = np.array([[True, False], [False, True], [True, False]])
     frozen(error, swings)
-    want = np.zeros((3, 12))
-    want[0, [11, 10]], want[1, [5, 4]], want[2, [11, 10]] = (
-        (0.06, 0.08),
-        (0.03, -limit),
-        (limit, -0.01),
+    added = walk_engine.reflex(error, swings, p)
+    assert np.shape(added) == (3, 12), "[n, 12]: the left leg's six joints, then the right leg's"
+    legs = np.reshape(added, (3, 2, 6))
+    close(legs[swings], 0, "which foot? The one that swings gets 0, the other one the reflex")
+    stands = legs[~swings]  # [3, 6]
+    close(
+        stands[:, :4], 0, "which joints? Only the ankle's: pitch is joint 4 of a leg, roll joint 5"
     )
-    hint = (
-        "x to the roll, y to the pitch of the ankle that stands; no other joint; what is ADDED is "
-        "limited, to either side"
-    )
-    close(walk_engine.reflex(error, swings, p), want, hint)
+    roll, pitch = stands[:, 5], stands[:, 4]
+    small = np.array([roll[0], pitch[0], roll[1], pitch[2]])  # below the limit
+    want = np.array([0.06, 0.08, 0.03, -0.01])
+    axes = "which axis? x of the error goes to the roll, y to the pitch"
+    assert not np.allclose(small[:2], want[1::-1]), axes
+    close(np.sign(small), np.sign(want), "which sign? The ankle turns as the torso turns")
+    close(small, want, "how much? `p.reflex` [s] times the error [rad/s], and only then limited")
+    hint = "which limit? ± REFLEX_LIMIT of what is ADDED, not of the error, and to both sides"
+    close([pitch[1], roll[2]], [-limit, limit], hint)
 
 
 ZERO = 0, 0, 0
@@ -464,14 +470,14 @@ def test_highest_speed_ignores_everything_beyond_the_first_fall():
         poses[i, :, -1, axis] = 3 + sign * (1 + i) * ways
     poses, fall = poses.reshape(4 * levels, count + 1, 3), np.full(4 * levels, count)
     hint = (
-        "its way along its axis, from its first pose on, by the time of all double steps that are "
-        "not on the spot: sum(PATTERN) · period, not len(PATTERN) · period"
+        "its distance along its axis, from its first pose on, by the time of all double steps that "
+        "are not on the spot: sum(PATTERN) · period, not len(PATTERN) · period"
     )
     close(walk.highest_speed(poses, fall, period=0.5)["forward"], 1 / moving, hint)
     fall[4::levels] = 2  # level 5 falls
     for i, (direction, speed) in enumerate(walk.highest_speed(poses, fall, period=0.5).items(), 1):
         hint = (
             f"{direction}: of eight levels the third is the fastest below the first one that "
-            "fell, and not the last one that stood; a way counts to whichever side"
+            "fell, and not the last one that stood; a distance has no sign"
         )
         close(speed, i * ways[2] / moving, hint)

@@ -400,12 +400,11 @@ def test_estimate_correct_by_hand():
     measured = np.array([[2.0, 1, -3.1], [1, 2, 3], [1.3, 2.2, 3]])
     frozen(goal, covariance, measured)
     got, after = env.correct(goal, covariance, measured, NOISE)
+    hint = "goal + K·(measured − goal), K = V / (V + noise²): is K turned round?"
+    close(got[0, :2], [1.75, 1.5], hint)  # K = 0.75, 0.5, 0.75; and 1
     around = 3.1 + 0.75 * (2 * math.pi - 6.2) - 2 * math.pi
-    hint = (
-        "goal + K·(measured − goal), K = V / (V + noise²); from 3.1 to −3.1 rad it is a small way, "
-        "over π; and with nothing known before, the measurement counts alone"
-    )
-    close(got[:2], [[1.75, 1.5, around], [1, 2, 3]], hint)  # K = 0.75, 0.5, 0.75; and 1
+    close(got[0, 2], around, "from 3.1 to −3.1 rad it is a short turn, over π: wrap twice")
+    close(got[1], [1, 2, 3], "with nothing known before, the measurement counts alone")
     hint = "K = P·(P + R)⁻¹: errors of x and yaw belong together, so what is seen of x tells of yaw"
     # (P + R)⁻¹ of x and yaw: (0.07, −0.02; −0.02, 0.04) / (0.04·0.07 − 0.02²)
     close(got[2], [1.2125, 2.1, 3.1], hint)

@@ -95,11 +95,15 @@ def test_rows_become_a_table(monkeypatch):
     ended = {"outcome": np.array(["success"] * 2), "time": np.ones(2), "still_there": np.ones(2)}
     monkeypatch.setattr(common, "walks", lambda *_: ended)
     monkeypatch.setattr(transfer, "BulletSim", robot_model.MujocoSim)  # PyBullet may be missing
-    args = Namespace(sim="mujoco", walks=2, bullet=True, urdf=URDF)
+    args = Namespace(sim="mujoco", walks=2, brief=False, bullet=True, urdf=URDF)
     found = {part: {"rows": study(args)} for part, study in transfer.PARTS.items()}
     assert transfer.MENDED in common.tables(transfer, found)
     rows = [row for part in found.values() for row in part["rows"]]
     assert {(row["success"], row["episodes"]) for row in rows} == {(1, 2)}
+    args.brief = True
+    rows = transfer.study_zeros(args)
+    assert len(rows) == 6 and {row["planner"] for row in rows} == {"policy"}, "lesson 11 reads six"
+    assert "÷" not in common.table(rows, transfer.COLUMNS["zeros"]), "no empty columns"
 
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):

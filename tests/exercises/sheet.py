@@ -4,8 +4,8 @@
     python tests/exercises/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
     python tests/exercises/sheet.py --only gae quintic   only these are empty
 
-Docstrings stay, and comments on a line of their own. What is there is overwritten only with
---force. The last line of each file tells the grader what was empty in it.
+Docstrings stay, and comments on a line of their own. Only --force
+overwrites. The last line of each file tells the grader what was empty in it.
 """
 
 import ast
@@ -51,11 +51,15 @@ def left_out(source, exercise):
         return False
 
 
+def part(number):
+    """A lesson of course.md."""
+    page = ROOT / "tests/exercises/course.md"
+    return page.read_text("utf-8").partition(f"\n## Lesson {number}: ")[2].partition("\n## ")[0]
+
+
 def lesson(number):
-    """The exercises of a lesson of course.md, without those in parentheses."""
-    page = (ROOT / "tests/exercises/course.md").read_text("utf-8")
-    _, _, part = page.partition(f"\n## Lesson {number}: ")
-    return re.findall(r"\s`build\.(\w+)`", part.partition("\n## ")[0])
+    """The exercises of a lesson, without those in parentheses."""
+    return re.findall(r"\s`build\.(\w+)`", part(number))
 
 
 def body_of(source, name, since=""):

@@ -54,6 +54,24 @@ def test_readme_and_list_agree():
                 assert said in part, f"{row.name}: where is {said}?"
 
 
+MINUTES = {f"build.{name}": row.minutes for name, row in BOOK.items()}
+for kind in "predict", "debug":
+    text = (FOLDER / f"{kind}.md").read_text("utf-8")
+    heads = re.findall(r"^## (\w+): .*\n\n(?:★+ )?(\d+) minutes", text, re.MULTILINE)
+    MINUTES |= {f"{kind}.{name}": int(minutes) for name, minutes in heads}
+
+
+@pytest.mark.parametrize("number", range(1, 12))
+def test_the_hours_of_a_lesson_are_the_sum_of_its_minutes(number):
+    """Of the reading, and of all exercises without parentheses."""
+    lesson = sheet.part(number).partition("<details>")[0]
+    names = re.findall(r"\s`((?:build|predict|debug)\.\w+)`", lesson)
+    (read,) = re.findall(r"Read \((\d+) minutes", lesson)
+    (hours,) = re.findall(r"^\*([\d.]+) hours? at home\.\*", lesson, re.MULTILINE)
+    total = int(read) + sum(MINUTES[name] for name in set(names))
+    assert abs(total - 60 * float(hours)) <= 15, f"lesson {number} takes {total} minutes"
+
+
 def test_a_sheet_keeps_docstrings_and_equations_and_all_other_code():
     for file, empty in sheet.sheets(BOOK).items():
         stem = Path(file).stem
@@ -162,8 +180,8 @@ def test_the_sheet_of_a_lesson_has_its_exercises_and_its_studies_run(tmp_path, m
     words = last_words(grade(folder))
     assert words.count(": not in this sheet\n") == len(BOOK) - 1, words
     assert "look_up is not written yet" in words
-    assert f" 0 of {len(BOOK)} exercises solved, 0 of " in words, (
-        "an untouched sheet earns no stars"
+    assert f" 0 of {len(BOOK)} exercises solved, 0 of " in words and "Run" not in words, (
+        "an untouched sheet earns no stars, and does not run"
     )
 
 
@@ -207,6 +225,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
         "alice smith: 1 of 7 exercises solved, 2 of 10 stars",
     ):
         assert re.search(says, words), f"{says}:\n{words}"
+    assert "Run your own" not in words, "a robot does not run with empty functions"
     assert len(words.splitlines()) <= 22, "the hints come last, and in a few lines"
 
 
@@ -285,6 +304,10 @@ def test_who_tests_in_several_processes_gets_the_same_grades(tmp_path):
     command = workbook.command('"wilson or low_pass or velocity_command"', folder)
     words = last_words(python(*shlex.split(command)[1:], **told))  # as the sheets say it
     assert "dan: 1 of 3 exercises solved, 2 of 4 stars" in words, words
+    run = f"{folder.as_posix()}/05_evaluate.py --"
+    assert words.count("Run your own code: python ") == words.count(run) == 1, (
+        "lesson 9 of course.md"
+    )
 
 
 @pytest.mark.parametrize("message, said", [

@@ -166,7 +166,8 @@ def markdown(head, rows):
 
 
 def table(rows, columns):
-    """Rows (dicts) in Markdown; columns: {key: digits of a number}."""
+    """Rows (dicts) in Markdown; columns: {key: digits of a number}, those that a row has."""
+    columns = {key: columns[key] for key in columns if any(key in row for row in rows)}
     head = [HEADS.get(key, key.replace("_", " ")) for key in columns]
     lines = [" | ".join(cell(row, *column) for column in columns.items()) for row in rows]
     return markdown(" | ".join(head), lines)

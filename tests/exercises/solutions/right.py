@@ -38,26 +38,6 @@ def fallen(torso, standing_height):
 
 
 def body_frames(robot, torso, joints):
-    """Link by link along each chain."""
-    origins, turns = [torso[..., :3]], [rotation(*np.moveaxis(torso[..., 3:], -1, 0))]
-    angles, zero = np.moveaxis(joints, -1, 0), 0 * joints[..., 0]
-    for hip, leg in zip(robot.hips, (angles[:6], angles[6:])):
-        yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
-        chain = {
-            (*hip,): rotation(zero, zero, yaw) @ rotation(roll, zero, zero),
-            (robot.hip_x, 0, 0): rotation(zero, pitch, zero),
-            (0, 0, -robot.thigh_length): rotation(zero, knee, zero),
-            (0, 0, -robot.shin_length): rotation(ankle_roll, ankle_pitch, zero),
-        }
-        place, turn = origins[0], turns[0]
-        for away, further in chain.items():
-            place, turn = place + turn @ away, turn @ further
-            origins.append(place)
-            turns.append(turn)
-    return np.stack(origins, -2), np.stack(turns, -3)
-
-
-def body_frames(robot, torso, joints):
     """Robot by robot, by homogeneous matrices."""
 
     def frame(x, y, z, roll=0, pitch=0, yaw=0):
@@ -155,14 +135,6 @@ def waiting_pace(over, p):
     """By cases."""
     pace = 1 + p.wait * p.late_lean - p.wait * np.asarray(over)
     return np.select([pace > 1, pace < 0], [1.0, 0.0], pace)
-
-
-def reflex(error, swings, p):
-    """By einsum."""
-    turn = np.clip(p.reflex * error, -REFLEX_LIMIT, REFLEX_LIMIT)
-    added = np.zeros((*swings.shape, 6))
-    added[..., [5, 4]] = np.einsum("nf,na->nfa", 1.0 - swings, turn)
-    return added.reshape(len(error), 12)
 
 
 def reflex(error, swings, p):

@@ -35,7 +35,7 @@ def wrap(angle):
 
 
 @wrong("wraps the yaw", "without wrap")
-@wrong("one pose, no batch", "too many values")
+@wrong("one pose, no batch", "batches [n, …]")
 def compose(base, pose):
     if mistake == "one pose, no batch":
         x, y, yaw = base
@@ -46,21 +46,64 @@ def compose(base, pose):
 
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
 @wrong("roll and pitch apart", "roll 35°, pitch 35°")
-@wrong("roll and pitch added up", "roll 32°, pitch 32°")
-@wrong("0.2 m by heart", "of 0.6 m")
-@wrong("or", "truth value")
+@wrong("or", "batches [n, …]")
 def fallen(torso, standing_height):
     roll, pitch = np.moveaxis(torso[..., 3:5], -1, 0)
     tilted = {
         "√(roll² + pitch²)": np.hypot(roll, pitch) > np.pi / 4,
         "roll and pitch apart": np.maximum(np.abs(roll), np.abs(pitch)) > np.pi / 4,
-        "roll and pitch added up": np.cos(roll + pitch) < np.cos(np.pi / 4),
     }.get(mistake, np.cos(roll) * np.cos(pitch) < np.cos(np.pi / 4))
-    low = torso[..., 2] < (0.2 if mistake == "0.2 m by heart" else standing_height / 2)
+    low = torso[..., 2] < standing_height / 2
     return (low or tilted) if mistake == "or" else low | tilted
 
 
+@right("link by link along each chain")
+@wrong("R turned round", "the torso: its rotation is wrong (it is transposed)")
+@wrong("roll before yaw", "the left hip: its rotation")
+@wrong("hip_x is forgotten", "the left thigh: its origin")
+def body_frames(robot, torso, joints):
+    origins, turns = [torso[..., :3]], [rotation(*np.moveaxis(torso[..., 3:], -1, 0))]
+    if mistake == "R turned round":
+        turns = [turns[0].mT]
+    angles, zero = np.moveaxis(joints, -1, 0), 0 * joints[..., 0]
+    ahead = 0 if mistake == "hip_x is forgotten" else robot.hip_x
+    for hip, leg in zip(robot.hips, (angles[:6], angles[6:])):
+        yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
+        turn = rotation(zero, zero, yaw) @ rotation(roll, zero, zero)
+        if mistake == "roll before yaw":
+            turn = rotation(roll, zero, zero) @ rotation(zero, zero, yaw)
+        chain = {
+            (*hip,): turn,
+            (ahead, 0, 0): rotation(zero, pitch, zero),
+            (0, 0, -robot.thigh_length): rotation(zero, knee, zero),
+            (0, 0, -robot.shin_length): rotation(ankle_roll, ankle_pitch, zero),
+        }
+        place, turn = origins[0], turns[0]
+        for away, further in chain.items():
+            place, turn = place + turn @ away, turn @ further
+            origins.append(place)
+            turns.append(turn)
+    return np.stack(origins, -2), np.stack(turns, -3)
+
+
 # ------------------------------------------------------------------------ stage 2
+@right("by einsum")
+@wrong("the foot that swings", "which foot?")
+@wrong("roll and pitch exchanged", "which axis?")
+@wrong("turns back", "which sign?")
+@wrong("limits the error", "how much?")
+def reflex(error, swings, p):
+    if mistake == "limits the error":
+        error = np.clip(error, -REFLEX_LIMIT, REFLEX_LIMIT)
+    gain = -p.reflex if mistake == "turns back" else p.reflex
+    turn = np.clip(gain * error, -REFLEX_LIMIT, REFLEX_LIMIT)
+    feet = swings if mistake == "the foot that swings" else 1.0 - swings
+    added = np.zeros((*swings.shape, 6))
+    ankle = [4, 5] if mistake == "roll and pitch exchanged" else [5, 4]
+    added[..., ankle] = np.einsum("nf,na->nfa", feet, turn)
+    return added.reshape(len(error), 12)
+
+
 @right("tick by tick")
 @wrong("moves by a cubic", "without acceleration")
 def _swing(self, start, landing):
@@ -121,7 +164,6 @@ def correct(goal, covariance, measured, noise):
 @right("the smallest of a stack")
 @wrong("to be minimised", "a minus too many")
 @wrong("clips the product", "take the minimum")
-@wrong("clips the advantage", "take the minimum")
 @wrong("always 0.2", "ε is the argument")
 @wrong("one number instead of one per sample", "per sample")
 @wrong("through NumPy, without a gradient", "gradient")
@@ -134,7 +176,6 @@ def clipped_objective(ratio, advantage, clip):
     return {
         "to be minimised": -least,
         "clips the product": plain.clamp(low, high),
-        "clips the advantage": torch.min(plain, ratio * advantage.clamp(low, high)),
         "one number instead of one per sample": least.mean(),
         "through NumPy, without a gradient": least.detach(),
         "a gradient beyond the limit": least.detach() + plain - plain.detach(),
@@ -209,11 +250,9 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("actions of other samples", "still belong together")
 @wrong("π_old in the order of the rollout", "of the same `pick`")
 @wrong("ρ is always 1", "π_old")
-@wrong("most samples are not used", "all 128 samples")
 @wrong("the last, smaller minibatch is dropped", "all 128 samples")
 @wrong("half the squared error", "without a half")
 @wrong("never shuffled", "every epoch shuffles")
-@wrong("shuffled once", "every epoch shuffles")
 @wrong("the entropy after the update", "entropy")
 def improve(model, optimizer, data, cfg):
     advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
@@ -221,18 +260,16 @@ def improve(model, optimizer, data, cfg):
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean().item()
         unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
-    once = torch.randperm(len(obs))
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
             advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
         order = torch.randperm(len(obs))
         if mistake == "shuffled by NumPy":
             order = torch.from_numpy(np.random.permutation(len(obs)))
-        order = {"never shuffled": order.sort()[0], "shuffled once": once}.get(mistake, order)
+        if mistake == "never shuffled":
+            order = order.sort()[0]
         picks = order.split(cfg.minibatch)
-        if mistake == "most samples are not used":
-            picks = picks[:1]
-        elif mistake == "the last, smaller minibatch is dropped":
+        if mistake == "the last, smaller minibatch is dropped":
             picks = [pick for pick in picks if len(pick) == cfg.minibatch]
         for pick in picks:
             seen = torch.randperm(len(obs))[: len(pick)] if "other" in mistake else pick
@@ -272,8 +309,8 @@ def improve(model, optimizer, data, cfg):
 
 
 # ------------------------------------------------------------------------ stage 5
-@wrong("one long Euler step", "exp(−t/τ)")
-@wrong("of one number only", "arrays")
+@wrong("one long Euler step", "by Euler")
+@wrong("of one number only", "batches [n, …]")
 def low_pass(velocity, command, seconds, time_constant):
     if mistake == "of one number only":
         velocity, command = float(velocity), float(command)
@@ -281,7 +318,7 @@ def low_pass(velocity, command, seconds, time_constant):
 
 
 @right("as the formula is written, not clipped")
-@wrong("no width at 0 and 1", "Wilson")
+@wrong("no width at 0 and 1", "Wald")
 def wilson(count, total, z=1.96):
     p, n = count / total, total
     if mistake == "no width at 0 and 1":
@@ -295,7 +332,6 @@ def wilson(count, total, z=1.96):
 @wrong("β near the goal, too", "turn to α")
 @wrong("the yaw as given", "10° to the right")
 @wrong("each axis on its own", "a box")
-@wrong("round between the axes", "an ellipse")
 def velocity_command(goal, settings):
     d, alpha, beta = env.polar(goal)
     if mistake == "the yaw as given":
@@ -304,8 +340,6 @@ def velocity_command(goal, settings):
     front, back, side = settings.forward, settings.backward, settings.sideways
     x_max = np.where(cos >= 0, front, back)
     v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / side)
-    if mistake == "round between the axes":
-        v_max = 1 / np.hypot(cos / x_max, sin / side)
     v = np.minimum(settings.gain * d, v_max)
     far = (d > settings.far_m) | (mistake == "β near the goal, too")
     omega = settings.turning_gain * np.where(far, beta, alpha)
@@ -365,7 +399,7 @@ def time_ratio(trials, reference):
     return {
         "goals": len(a),
         "time_ratio": ratio(a, b),
-        "time_ratio_ci95": [*bootstrap(drawn, a, b)] if len(a) >= 20 else None,
+        "time_ratio_ci95": [*bootstrap(drawn, a, b)] if len(a) >= 20 else [math.nan] * 2,
         "faster": np.mean(a < b),
         "slower": np.mean(a > b),
     }
@@ -407,7 +441,6 @@ def look_up(value, poses):
 @wrong("no interpolation between the yaws", "V = 1 + min over moves")
 @wrong("the goal without its yaw", "V = 0 at the goal")
 @wrong("the step itself costs nothing", "V = 1 + min over moves")
-@wrong("the yaw does not turn with the move", "V[yaw, x, y]")
 def steps_to_go(moves, task):
     axis, yaws = CELL * np.arange(-HALF, HALF + 1), TURN * np.arange(TURNS)
     x, y, yaw = np.meshgrid(axis, axis, yaws, indexing="ij")
@@ -418,9 +451,7 @@ def steps_to_go(moves, task):
         goal &= np.abs(robot_model.wrap(yaw)) <= task.success_rad + 1e-9
     sign = [1, 1, -1] if mistake == "moves turned by −yaw" else [1, 1, 1]
     after = robot_model.compose(poses[..., None, :] * sign, np.array(moves, float)) * sign
-    if mistake == "the yaw does not turn with the move":
-        after[..., 2] = poses[..., None, 2]
-    elif mistake == "no interpolation between the yaws":
+    if mistake == "no interpolation between the yaws":
         after[..., 2] = np.rint(after[..., 2] / TURN) * TURN
     width = CELL * (2 * HALF + 1)
     around = mistake == "comes back on the other side of the map"
