@@ -46,14 +46,17 @@ def compose(base, pose):
 
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
 @wrong("roll and pitch apart", "roll 35°, pitch 35°")
+@wrong("roll and pitch added up", "roll 32°, pitch 32°")
+@wrong("0.2 m by heart", "of 0.6 m")
 @wrong("or", "batches [n, …]")
 def fallen(torso, standing_height):
     roll, pitch = np.moveaxis(torso[..., 3:5], -1, 0)
     tilted = {
         "√(roll² + pitch²)": np.hypot(roll, pitch) > np.pi / 4,
         "roll and pitch apart": np.maximum(np.abs(roll), np.abs(pitch)) > np.pi / 4,
+        "roll and pitch added up": np.cos(roll + pitch) < np.cos(np.pi / 4),
     }.get(mistake, np.cos(roll) * np.cos(pitch) < np.cos(np.pi / 4))
-    low = torso[..., 2] < standing_height / 2
+    low = torso[..., 2] < (0.2 if mistake == "0.2 m by heart" else standing_height / 2)
     return (low or tilted) if mistake == "or" else low | tilted
 
 
@@ -164,6 +167,7 @@ def correct(goal, covariance, measured, noise):
 @right("the smallest of a stack")
 @wrong("to be minimised", "a minus too many")
 @wrong("clips the product", "take the minimum")
+@wrong("clips the advantage", "take the minimum")
 @wrong("always 0.2", "ε is the argument")
 @wrong("one number instead of one per sample", "per sample")
 @wrong("through NumPy, without a gradient", "gradient")
@@ -176,6 +180,7 @@ def clipped_objective(ratio, advantage, clip):
     return {
         "to be minimised": -least,
         "clips the product": plain.clamp(low, high),
+        "clips the advantage": torch.min(plain, ratio * advantage.clamp(low, high)),
         "one number instead of one per sample": least.mean(),
         "through NumPy, without a gradient": least.detach(),
         "a gradient beyond the limit": least.detach() + plain - plain.detach(),
@@ -250,9 +255,11 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("actions of other samples", "still belong together")
 @wrong("π_old in the order of the rollout", "of the same `pick`")
 @wrong("ρ is always 1", "π_old")
+@wrong("most samples are not used", "all 128 samples")
 @wrong("the last, smaller minibatch is dropped", "all 128 samples")
 @wrong("half the squared error", "without a half")
 @wrong("never shuffled", "every epoch shuffles")
+@wrong("shuffled once", "every epoch shuffles")
 @wrong("the entropy after the update", "entropy")
 def improve(model, optimizer, data, cfg):
     advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
@@ -260,16 +267,18 @@ def improve(model, optimizer, data, cfg):
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean().item()
         unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
+    once = torch.randperm(len(obs))
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
             advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
         order = torch.randperm(len(obs))
         if mistake == "shuffled by NumPy":
             order = torch.from_numpy(np.random.permutation(len(obs)))
-        if mistake == "never shuffled":
-            order = order.sort()[0]
+        order = {"never shuffled": order.sort()[0], "shuffled once": once}.get(mistake, order)
         picks = order.split(cfg.minibatch)
-        if mistake == "the last, smaller minibatch is dropped":
+        if mistake == "most samples are not used":
+            picks = picks[:1]
+        elif mistake == "the last, smaller minibatch is dropped":
             picks = [pick for pick in picks if len(pick) == cfg.minibatch]
         for pick in picks:
             seen = torch.randperm(len(obs))[: len(pick)] if "other" in mistake else pick
@@ -332,6 +341,7 @@ def wilson(count, total, z=1.96):
 @wrong("β near the goal, too", "turn to α")
 @wrong("the yaw as given", "10° to the right")
 @wrong("each axis on its own", "a box")
+@wrong("round between the axes", "an ellipse")
 def velocity_command(goal, settings):
     d, alpha, beta = env.polar(goal)
     if mistake == "the yaw as given":
@@ -340,6 +350,8 @@ def velocity_command(goal, settings):
     front, back, side = settings.forward, settings.backward, settings.sideways
     x_max = np.where(cos >= 0, front, back)
     v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / side)
+    if mistake == "round between the axes":
+        v_max = 1 / np.hypot(cos / x_max, sin / side)
     v = np.minimum(settings.gain * d, v_max)
     far = (d > settings.far_m) | (mistake == "β near the goal, too")
     omega = settings.turning_gain * np.where(far, beta, alpha)
@@ -441,6 +453,7 @@ def look_up(value, poses):
 @wrong("no interpolation between the yaws", "V = 1 + min over moves")
 @wrong("the goal without its yaw", "V = 0 at the goal")
 @wrong("the step itself costs nothing", "V = 1 + min over moves")
+@wrong("the yaw does not turn with the move", "V[yaw, x, y]")
 def steps_to_go(moves, task):
     axis, yaws = CELL * np.arange(-HALF, HALF + 1), TURN * np.arange(TURNS)
     x, y, yaw = np.meshgrid(axis, axis, yaws, indexing="ij")
@@ -451,7 +464,9 @@ def steps_to_go(moves, task):
         goal &= np.abs(robot_model.wrap(yaw)) <= task.success_rad + 1e-9
     sign = [1, 1, -1] if mistake == "moves turned by −yaw" else [1, 1, 1]
     after = robot_model.compose(poses[..., None, :] * sign, np.array(moves, float)) * sign
-    if mistake == "no interpolation between the yaws":
+    if mistake == "the yaw does not turn with the move":
+        after[..., 2] = poses[..., None, 2]
+    elif mistake == "no interpolation between the yaws":
         after[..., 2] = np.rint(after[..., 2] / TURN) * TURN
     width = CELL * (2 * HALF + 1)
     around = mistake == "comes back on the other side of the map"
