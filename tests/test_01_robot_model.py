@@ -188,7 +188,10 @@ CHAIN = {
         "hip's·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll), in this order",
     ),
 }
-LINKS = ["torso", *(f"{side} {link}" for side in ("left", "right") for link in [*CHAIN][1:])]
+NAMES_OF_LINKS = [
+    "torso",
+    *(f"{side} {link}" for side in ("left", "right") for link in [*CHAIN][1:]),
+]
 
 
 @ROBOTS
@@ -203,7 +206,7 @@ def test_forward_kinematics_and_the_centre_of_mass_equal_those_of_mujoco(robot):
     data = [mujoco_at(torsos[i], poses[i], robot)[1] for i in np.ndindex(shape)]
     origins = np.reshape([one.xpos[1:] for one in data], (*shape, 9, 3))
     turns = np.reshape([one.xmat[1:] for one in data], (*shape, 9, 3, 3))
-    for k, link in enumerate(LINKS):
+    for k, link in enumerate(NAMES_OF_LINKS):
         place, turn = CHAIN[link.split()[-1]]
         said = f"the first wrong link is the {link}: its"
         close(found[0][..., k, :], origins[..., k, :], f"{said} origin is wrong ({place})")
