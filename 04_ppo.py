@@ -521,7 +521,11 @@ def main(argv=None):
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.sim}, seed {args.seed}")
     print(f"policy.pt, learning_curve.csv and learning_curve.png are in {out}")
     flag = " --mujoco" if args.sim == "mujoco" else ""
-    print(f'next: python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"')
+    print(
+        "After --quick a walk in 2-D takes 2 % more time than with baseline_tuned, after a whole "
+        "training 15 % less (README). Yours:\n"
+        f'    python 05_evaluate.py --noise{flag} --policy "{out / "policy.pt"}"'
+    )
 
 
 if __name__ == "__main__":
