@@ -201,10 +201,9 @@ def study_steps(args):
 PARTS = {"steps": study_steps, "pushes": study_pushes, "worlds": study_worlds}
 
 
-WALKED = {"planner": 0, "success": 3, "fall": 3, "time_mean": 2}
 COLUMNS = {
-    "pushes": {"speed": 1, **WALKED},
-    "worlds": {"world": 0, "goal_std_m": 1, "falls": 0, **WALKED},
+    "pushes": {"speed": 1, "planner": 0, "fall": 3, "time_mean": 2},
+    "worlds": {"world": 0, "goal_std_m": 1, "planner": 0, "falls": 0, "success": 3, "time_mean": 2},
     "steps": {"world": 0, "push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
     | {"time_over_all": 3, "still_there": 2, "only_theirs": 0, "only_ours": 0, "p": 3},
 }

@@ -232,10 +232,8 @@ PARTS = {
 START = {"goal_std_m": 1, "push": 1, "planner": 0}  # columns of the rows of `walked`
 END = {
     "falls": 0,
-    "success": 4,
+    "success": 3,
     "time_mean": 2,
-    "time_median": 2,
-    "time_p95": 2,
     "still_there": 3,
     "over_baseline_tuned": 3,
     "over_expert": 3,
@@ -244,7 +242,7 @@ END = {
 
 
 COLUMNS = {
-    "distances": {"planner": 0, "distance": 2, "success": 3, "fall": 3, "time_mean": 2, "plan": 2},
+    "distances": {"planner": 0, "distance": 2, "fall": 3, "time_mean": 2, "plan": 2},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
     "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3, "faster": 3, "slower": 3},
