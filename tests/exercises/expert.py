@@ -33,9 +33,9 @@ class Settings:
     gain: float  # share of the distance that is left, near the goal
 
 
-TUNED = {  # by `python tests/studies/baseline.py --only expert`, 2026-11-27
+TUNED = {  # by `python tests/studies/baseline.py --only expert`, 2026-11-28
     "pymunk": Settings((0.8025, 0.5049, 0.7976), (0.8658, 0.7436, 0.7063), 1.5262, 0.8886),
-    "mujoco": Settings((0.8025, 0.5049, 0.7976), (0.8658, 0.7436, 0.7063), 1.5262, 0.8886),
+    "mujoco": Settings((0.6519, 0.7948, 1.07), (0.9402, 0.8674, 0.4784), 1.8692, 0.797),
 }
 
 

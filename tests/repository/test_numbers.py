@@ -165,11 +165,17 @@ def chosen(part):
     return pick(study("baseline")[part]["finalists"], chosen=True)[0]
 
 
-def policies():
-    found = rows("baseline", "policy")
-    times, falls = (ends(values(found, key)) for key in ("time", "fall"))
-    kept = sum(map(baseline.keeps, found)), len(found)
-    return [len(found), times, percent(*falls), study("baseline")["policy"]["trials"], kept]
+def expert_and_policies():
+    expert, part = chosen("expert"), ("baseline", "policy")
+    times, falls = (ends(column(key, *part)) for key in ("time", "fall"))
+    walked = study("baseline")["expert"]["trials"]
+    return [expert["time"], 100 * expert["fall"], walked, len(rows(*part)), times, percent(*falls)]
+
+
+def kept():
+    """How many keep the rule, and how many there are: settings of the expert, then policies."""
+    found = study("baseline")["expert"]["finalists"], rows("baseline", "policy")
+    return [[sum(map(baseline.keeps, part)), len(part)] for part in found]
 
 
 def distances():
@@ -348,7 +354,8 @@ NUMBERS = {
         1000 * study("walk")["limits"]["clearance"][1],
     ],
     "walk: tune": tuned_walk,
-    "baseline: policies": policies,
+    "baseline: expert": expert_and_policies,
+    "baseline: rule": kept,
     "search: times": lambda: evaluated("mujoco", "time_mean", planner="search"),
     "seeds: distances": distances,
     "seeds: far": far,
