@@ -34,7 +34,7 @@ COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:
 OPEN_LOOP = "baseline, open loop"  # the paper's controller; the walk answers nothing
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # such a walk
 BEFORE = {  # studies in results/<sim>/studies that were not made with the stages as they are
-    "pymunk": ["baseline", "walk"],
+    "pymunk": ["baseline"],
     "mujoco": ["baseline", "cluster", "kicks", "seeds", "transfer"],
 }
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
