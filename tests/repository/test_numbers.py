@@ -406,6 +406,7 @@ NUMBERS = {
     "ladder: action before": lambda: np.negative(without("action before the last")),
     "ladder: worlds": lambda: np.negative(without("random worlds in training")),
     "ladder: pendulum": pendulum,
+    "peers: training": lambda: column("time_mean", "peers", "training", "pymunk"),
     "cluster: speed": speed,
     "transfer: models": lambda: [
         count("success", transfer.BULLET),

@@ -45,7 +45,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. See which curve stays below the green one.",
-    "peers": "One training with each learner, the same settings, seed and number of double steps.",
+    "peers": "One training with each learner, the same settings and number of double steps.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
     "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
     "steps at once, with which the robot falls.",

@@ -1,4 +1,4 @@
-"""Stable-Baselines3, with which the paper trained, in this world at full speed.
+"""How does the PPO of Stable-Baselines3, with which the paper trained, learn in this world?
 
     python -m pip install stable-baselines3==2.9.2
     python tests/studies/peers.py [--mujoco] [--out FOLDER]
@@ -156,7 +156,7 @@ def plot(found, sim):
         panel.set(xlabel="double steps [thousands]")
     panels[0].set(ylabel="time to the goal [s]", yscale="log")
     panels[1].set(ylabel="share of walks that arrive [1]")
-    panels[1].legend()
+    panels[1].legend(loc="lower right")
     figure.suptitle(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
     return figure
 
