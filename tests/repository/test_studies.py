@@ -183,18 +183,6 @@ def test_slow_noise_is_as_large_and_stays():
     close(alike, want, "0.9 a double step; a new episode, a new one", atol=0.1)
 
 
-def test_the_late_tilt_is_that_of_four_ticks_before():
-    simulator = kicks.LateSim(2, robot_model.stance(ROBOT), ROBOT)
-    simulator.reset([0, 1])
-    told = []
-    for tick in range(1, 7):
-        simulator.state[1, [3, 4, 18]] = tick
-        told.append(simulator.imu(np.array([1]))[0])
-    roll, pitch, rate, _ = np.transpose(told)
-    close([roll, rate], [[0, 0, 0, 0, 1, 2], [1, 2, 3, 4, 5, 6]])
-    close(pitch, [simulator.standing[0][4]] * 4 + [1, 2], "before the first tick it stood")
-
-
 def test_soles_are_where_mujoco_has_them():
     rng = default_rng(5)
     corners = np.array([*itertools.product((-1, 1), (-1, 1), [-1])])

@@ -31,8 +31,7 @@ ppo = import_module("04_ppo")
 evaluate = import_module("05_evaluate")
 
 COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
-OPEN_LOOP = "baseline, open loop"  # the paper's controller; the walk answers nothing
-NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # such a walk
+NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 BEFORE = {  # studies in results/<sim>/studies that were not made with the stages as they are
     "pymunk": ["baseline"],
     "mujoco": ["baseline", "cluster", "kicks", "seeds", "transfer"],

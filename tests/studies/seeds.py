@@ -3,8 +3,8 @@
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
 distances: the policy and its two best opponents, 0 to 6 m from the goal.
-pooled: README's planners on evaluation seeds 190 to 199. They were used once, after everything had been
-chosen; a new training should take 200 to 209.
+pooled: the same three planners on evaluation seeds 190 to 199. They were used once, after everything had
+been chosen; a new training should take 200 to 209.
 seeds: all trainings and their opponents, on evaluation seed 190. Both parts also push the robot on
 its way to far goals. The trainings must be there, made by
 `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. baseline.py chooses the
@@ -15,13 +15,11 @@ pairs: times of the policy and of `expert`, goal by goal, from results/<sim>/tri
 seeds.pairs.png.
 """
 
-from dataclasses import replace
-
 import common
 import numpy as np
 from common import RESULTS, env, evaluate, fell, pick, robot_model, values
 
-DURATION = "40 minutes on two cores; 3-D: 90"
+DURATION = "on one core: 20 minutes; 3-D: 50"
 POOLED_SETS = 10  # of 500 goals
 POOLED_FIRST = 190  # evaluation seed
 KINDS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far goals?, pushes [m/s]
@@ -49,14 +47,14 @@ def over_trainings(ours, theirs):
     }
 
 
-def walked(sim, policies, sets, opponents, first=POOLED_FIRST, **settings):
-    """Rows of the opponents and of these policies, by training seed, for all KINDS with noise, in a
-    world with these settings. A row of a policy also has its time relative to those of the
-    opponents.
+def walked(sim, policies, sets, opponents, first=POOLED_FIRST, kinds=KINDS, **settings):
+    """Rows of the opponents and of these policies, by training seed, for these kinds of walks with
+    noise, in a world with these settings. A row of a policy also has its time relative to those of
+    the opponents.
     """
     planners, rows, over = opponents | policies, [], []  # planners: by name, or by seed
     falls = {}  # [n] by push and planner: 1 where the robot fell, ½ if of a near and a far walk one
-    for far, push in KINDS:
+    for far, push in kinds:
         world = common.world(sim, push=push, **settings)
         walks = {
             key: common.walks(planner, world, far, sets, first) for key, planner in planners.items()
@@ -125,22 +123,13 @@ def study_distances(args):
 
 
 def study_all(args):
-    """Rows of every training and its opponents, and of the paper's system: its controller and a walk
-    that answers nothing.
-    """
-    found = walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
-    walk = replace(common.walk_engine.TUNED[args.sim], **common.NO_ANSWERS)
-    world = common.world(args.sim, walk=walk)
-    ended = common.walks(evaluate.BaselinePlanner(), world, first=POOLED_FIRST)
-    found["rows"].append(common.row_of(ended, common.OPEN_LOOP, seed=None, push=0.0))
-    return found
+    """Rows of every training and its opponents."""
+    return walked(args.sim, common.trainings(args.sim), 1, common.opponents(args.sim))
 
 
 def study_pooled(args):
-    """Rows of the shipped policy and of README's other planners in many walks."""
-    others = common.opponents(args.sim) | {"baseline": evaluate.BaselinePlanner()}
-    others["search"] = evaluate.load_planner(common.ROOT / "tests" / "studies" / "search.py")
-    policy = {None: common.shipped(args.sim)}
+    """Rows of the shipped policy and its opponents in many walks."""
+    policy, others = {None: common.shipped(args.sim)}, common.opponents(args.sim)
     return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, others)}
 
 
@@ -237,7 +226,6 @@ END = {
     "still_there": 3,
     "over_baseline_tuned": 3,
     "over_expert": 3,
-    "over_search": 3,
 }
 
 
