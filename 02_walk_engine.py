@@ -530,10 +530,11 @@ def main():
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
-    pushes, speed = {}, 0.8  # [m/s]
+    pushes, speed = {}, 1.0 if engine.planar else 0.7  # [m/s]
+    reflex = replace(parameters, capture=0.0, wait=0.0)
     answers = {
-        "open loop": replace(parameters, reflex=0.0, capture=0.0, wait=0.0),
-        "reflex": replace(parameters, capture=0.0, wait=0.0),
+        "open loop": replace(reflex, reflex=0.0),
+        "reflex": reflex,
         "reflex, steps and waiting": replace(parameters, capture=1, wait=10),
     }
     for name, settings in answers.items():
