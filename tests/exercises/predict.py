@@ -6,8 +6,6 @@ Run from the root of the repository:
     python tests/exercises/predict.py circle               the return of walking in a circle
     python tests/exercises/predict.py concentration        mode and mean of a Beta distribution
     python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
-    python tests/exercises/predict.py joints --mujoco      joints without friction
-    python tests/exercises/predict.py filter --mujoco      the paper's baseline with other filters
 """
 
 import sys
@@ -18,8 +16,7 @@ import numpy as np
 import torch
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
-import common
-from common import env, evaluate, robot_model, walk_engine
+from common import env, robot_model, walk_engine
 
 
 def sway(sim):
@@ -50,14 +47,14 @@ def circle(sim):
 
 
 def concentration(sim):
-    """Mean, spread and entropy of Beta(1 + (c − 2)·m, 1 + (c − 2)·(1 − m))."""
+    """Mean and spread of Beta(1 + (c − 2)·m, 1 + (c − 2)·(1 − m))."""
     for mode in (0.5, 1.0):
-        for c in (3.0, 10.0, 40.0):
+        for c in (10.0, 40.0):
             ends = 1 + (c - 2) * torch.tensor([mode, 1 - mode])  # α, β
             beta = torch.distributions.Beta(*ends)
             print(
-                f"mode {mode}: c = {c:2.0f}  mean {beta.mean:.3f}, standard deviation "
-                f"{beta.stddev:.3f}, entropy {beta.entropy():6.3f} nats"
+                f"mode {mode}: c = {c:2.0f}  mean {beta.mean:.3f}, "
+                f"standard deviation {beta.stddev:.3f}"
             )
 
 
@@ -94,53 +91,11 @@ def reflex(sim):
         )
 
 
-def joints(sim):
-    """Falls and times in 500 far walks with noise, if less is random than in the training."""
-    trials = evaluate.draw_trials(0, 500, far=True)
-    smooth = robot_model.RobotModel(stiction=(0.0,) * 6)
-    nothing = env.Spread(**dict.fromkeys(vars(env.Spread()), 0))
-    planners = {
-        "policy": common.shipped(sim),
-        "tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
-    }
-    for title, settings in {
-        "as trained": {},
-        "no friction": {"robot": smooth},
-        "bare model": {"robot": smooth, "spread": nothing},
-    }.items():
-        world = common.world(sim, **settings)
-        for name, planner in planners.items():
-            ended = evaluate.evaluate(planner, world, trials)
-            reached = ended["outcome"] == "success"
-            print(
-                f"{title:13s} {name:6s} falls {(ended['outcome'] == 'fall').sum():3d}, time "
-                f"{ended['time'][reached].mean():.2f} s"
-            )
-
-
-def filter_(sim):
-    """Times and falls of the paper's baseline, σ = 0.5 m, 50 goals, for a filter of τ seconds."""
-    trials = evaluate.draw_trials(0, 50)
-    for noise in (False, True):
-        world = common.world(sim, num_robots=50, noise=noise)
-        for tau in (0.0, 1.0, 3.0):
-            planner = evaluate.BaselinePlanner(evaluate.BaselineSettings(time_constant=tau))
-            ended = evaluate.evaluate(planner, world, trials)
-            reached = ended["outcome"] == "success"
-            print(
-                f"{'with' if noise else 'without'} noise, τ = {tau:.0f} s: success "
-                f"{reached.mean():.2f}, time {ended['time'][reached].mean():5.2f} s, still "
-                f"there {ended['still_there'][reached].mean():.2f}"
-            )
-
-
 EXPERIMENTS = {
     "sway": sway,
     "circle": circle,
     "concentration": concentration,
     "reflex": reflex,
-    "joints": joints,
-    "filter": filter_,
 }
 
 

@@ -299,7 +299,6 @@ def numbers(line):
         ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
         ("sway", ["tests/exercises/predict.py sway --mujoco"], 0.005),
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
-        ("filter", [f"{PREDICT} filter", f"{PREDICT} filter --mujoco"], 0.5),
     ],
     ids=str,
 )

@@ -25,6 +25,7 @@ from workbook import BOOK
 ROOT = sheet.ROOT
 FOLDER = Path(sheet.__file__).parent
 README = (FOLDER / "README.md").read_text("utf-8")
+TEACHING = (FOLDER / "teaching.md").read_text("utf-8")
 
 
 def grade(folder, *more, cwd=ROOT):
@@ -241,7 +242,7 @@ def test_the_lines_for_teachers_grade_submissions_and_collect_the_marks(
     submission(tmp_path / "submissions" / "ada", quintic="return 0")
     (tmp_path / "marks_bob.txt").touch()
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent), os.pathsep)
-    for line in re.findall(rf"^{first} .*$", README, re.MULTILINE):
+    for line in re.findall(rf"^{first} .*$", TEACHING, re.MULTILINE):
         line = line.replace("=no tests", f"=no {ROOT / 'tests'} -p no:cacheprovider")
         command = [shell, "-c", line]
         done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
