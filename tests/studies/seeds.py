@@ -221,7 +221,6 @@ PARTS = {
 START = {"goal_std_m": 1, "push": 1, "planner": 0}  # columns of the rows of `walked`
 END = {
     "falls": 0,
-    "success": 3,
     "time_mean": 2,
     "still_there": 3,
     "over_baseline_tuned": 3,

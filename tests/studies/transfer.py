@@ -164,13 +164,13 @@ def readable(path):
 
 # ------------------------------------------------------------------------ the study
 def measure(args, cases, walks):
-    """Rows of the policy and its best two opponents, see `seeds.walked`, in our model and in each
-    case; cases: settings of the world by name. --brief: only rows of the policy."""
+    """Rows of the policy and its best two opponents, see `seeds.walked`, in each case; cases: settings
+    of the world by name. --brief: only rows of the policy."""
     if args.sim != "mujoco" or walks < 1:
         raise InputError("this study needs --mujoco, and --walks from 1 on")
     policy, rows = {None: common.shipped(args.sim)}, []
     opponents = {} if args.brief else common.opponents(args.sim)
-    for case, settings in ({OWN: {}} | cases).items():
+    for case, settings in cases.items():
         how = {"kinds": seeds.KINDS[1:], "num_robots": walks, **settings}  # far goals
         found = seeds.walked(args.sim, policy, 1, opponents, SEED, **how)
         rows += [{"case": case} | row for row in found["rows"]]
@@ -178,9 +178,9 @@ def measure(args, cases, walks):
 
 
 def study_zeros(args):
-    """Our own model with joints whose zeros are wrong."""
+    """Our own model, with zeros of the joints as in training and with larger errors."""
     zeros = {name: {"spread": env.Spread(zero=zero)} for name, zero in ZEROS.items()}
-    return measure(args, zeros, args.walks)
+    return measure(args, {OWN: {}} | zeros, args.walks)
 
 
 def study_op3(args):
@@ -195,7 +195,8 @@ def study_bullet(args):
     """The other engine; half of the walks, because it is slow."""
     if not args.bullet:
         return print("PyBullet is left out: --bullet")
-    return measure(args, {BULLET: {"physics": BulletSim}}, max(1, args.walks // 2))
+    cases = {OWN: {}, BULLET: {"physics": BulletSim}}
+    return measure(args, cases, max(1, args.walks // 2))
 
 
 def study_urdf(args):
@@ -217,8 +218,8 @@ FLAGS = {
 PARTS = {"zeros": study_zeros, "op3": study_op3, "bullet": study_bullet, "urdf": study_urdf}
 
 
-OURS_THEIRS = {"push": 1, "planner": 0, "episodes": 0, **seeds.END}
-COLUMNS = dict.fromkeys(PARTS, {"case": 0, **OURS_THEIRS})
+SHOWN = {"case": 0, "push": 1, "planner": 0, "episodes": 0, "success": 3, **seeds.END}
+COLUMNS = dict.fromkeys(PARTS, SHOWN)
 
 
 if __name__ == "__main__":
