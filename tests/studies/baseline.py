@@ -10,9 +10,10 @@ policy: the trained policies on the same walks. The figure shows times and falls
 An evolution strategy (`common.cma_es`) searches the logarithms of eight settings. Each search may
 take as many double steps as the training of a policy, and there are three of them, which begin at
 the settings in use. Their ends, and these settings, are compared on 2,000 other goals, and with
-pushes on the 1,000 far ones. Of those that keep the rule (`keeps`) the one with the fewest points of
-the contest is taken; so is the policy to be shipped. If none keeps it, *still there* does not count;
-if none falls so seldom, all of them count.
+pushes on the 1,000 far ones. If the one with the fewest points of the contest breaks the rule
+(`keeps`), a fourth search begins there, and asks for more. Of those that keep the rule the one with
+the fewest points is taken; so is the policy to be shipped. If none keeps it, *still there* does not
+count; if none falls so seldom, all of them count.
 """
 
 import sys
@@ -25,12 +26,13 @@ sys.path.append(str(ROOT / "tests" / "exercises"))
 import expert
 import judge
 
-DURATION = "on one core: an hour; 3-D: three and a half hours"
+DURATION = "on one core: two hours; 3-D: three and a half hours"
 RESTARTS, BUDGET = 3, ppo.STEPS  # searches, and the double steps of each
 PUSH = 0.4  # [m/s]
 WALKS = {0.0: 36, PUSH: 12}  # of every candidate, by push; half to near, half to far goals
 SETS = 2  # of 500 near and of 500 far ones, for every finalist
 LEAVING = 50.0  # [s] in the search: price of leaving the goal again, if more often than allowed
+MORE = 0.02  # by which the fourth search asks for more walks that are still there
 # The rule for all planners: of those that keep it, the fewest points win. Our choice.
 STAYS = 0.93  # least share of *still there*, near and far
 MAX_FALLS, MAX_PUSHED = 0.005, 0.02  # share of the walks; of those with pushes
@@ -74,9 +76,9 @@ def final(world, planner):
     }
 
 
-def cost(row):
+def cost(row, stays=STAYS):
     """What the search makes small [s]: the points of the contest, and the price of leaving the goal."""
-    return min(1000.0, points(row) + LEAVING * max(0.0, STAYS - (row["still_there"] or 0)))
+    return min(1000.0, points(row) + LEAVING * max(0.0, stays - (row["still_there"] or 0)))
 
 
 def keeps(row, stays=STAYS):
@@ -110,7 +112,7 @@ def searched(args, planner_of, now):
         common.world(args.sim, num_robots=common.CANDIDATES * n, push=push)
         for push, n in WALKS.items()
     ]
-    ends, curve = [start], []
+    rows, curve = [], []
 
     def plain(x):
         return np.exp(x).round(4).tolist()
@@ -118,16 +120,23 @@ def searched(args, planner_of, now):
     def walked(drawn, trial):
         return common.calm_and_pushed([planner_of(plain(x)) for x in drawn], worlds, trial)
 
-    for restart in range(RESTARTS):
-        x, rows = common.search(
-            walked, lambda ended: cost(facts(ended)), np.log(start), 0.2, BUDGET, restart
+    def compare(name, at):
+        settings = dict(zip(now, at))
+        rows.append({"search": name, "settings": settings, **final(world, planner_of(at))})
+
+    def search(restart, start, stays):
+        x, more = common.search(
+            walked, lambda ended: cost(facts(ended), stays), np.log(start), 0.2, BUDGET, restart
         )
-        ends.append(plain(x))
-        curve += rows
-    rows = [
-        {"search": k or "none", "settings": dict(zip(now, at)), **final(world, planner_of(at))}
-        for k, at in enumerate(ends)
-    ]
+        curve.extend(more)
+        compare(restart + 1, plain(x))
+
+    compare("none", start)
+    for restart in range(RESTARTS):
+        search(restart, start, STAYS)
+    best = min(rows, key=points)
+    if not keeps(best):
+        search(RESTARTS, [*best["settings"].values()], STAYS + MORE)
     rule, rows = choose(rows)
     fits = ppo.fingerprint(world)
     trials = 2 * SETS * common.PER_SET
