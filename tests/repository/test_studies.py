@@ -317,6 +317,41 @@ def test_errors_that_repeat_add_up_in_what_the_filter_expects():
     close(drift, (5 * 0.01**2 + 0.02**2) ** 0.5, "√(Var / 5) of the sum of five", rtol=0.04)
 
 
+def test_a_fourth_search_begins_where_the_quickest_broke_the_rule(monkeypatch):
+    """Here the first setting is the time, and robots that are quicker than in 4.5 s leave the goal."""
+    begun, leaves = [], 4.5
+
+    def search(walked, cost, mean, spread, budget, seed):
+        begun.append(float(np.exp(mean[0]).round(4)))
+        stays = {"fall": 0.0, "timeout": 0.0, "time": 5.0, "still_there": 0.94}
+        monkeypatch.setattr(baseline, "facts", lambda ended: stays)
+        paid = cost(None) - 5.0
+        close(paid, 50 * 0.01 * (seed == 3), "the fourth search asks for 95 %")
+        return mean + np.log([1, 0.8, 0.9, 1.3][seed]), [{"restart": seed}]
+
+    def final(world, planner):
+        time = planner.settings.forward
+        still = 0.94 if time > leaves else 0.92
+        calm = dict.fromkeys(("fall", "pushed", "timeout"), 0.0)
+        return calm | {"time": time, "still_near": still, "still_far": still}
+
+    monkeypatch.setattr(common, "search", search)
+    monkeypatch.setattr(baseline, "final", final)
+    settings = dict.fromkeys(list(vars(evaluate.BaselineSettings()))[:8], 5.0)
+    found = baseline.searched(Namespace(sim="pymunk"), baseline.tuned_of, settings)
+    assert begun == [5.0, 5.0, 5.0, 4.0], (
+        "three from the settings in use, one from the quickest end"
+    )
+    times = common.values(found["finalists"], "time")
+    close(times, [5.0, 5.0, 4.0, 4.5, 5.2])
+    (chosen,) = common.pick(found["finalists"], chosen=True)
+    assert chosen["time"] == 5.0, "4.0 and 4.5 s leave the goal too often"
+    begun.clear()
+    leaves = 0
+    baseline.searched(Namespace(sim="pymunk"), baseline.tuned_of, settings)
+    assert len(begun) == 3, "the quickest keeps the rule: no fourth search"
+
+
 def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_taken():
     row = {"fall": 0.0, "pushed": 0.0, "timeout": 0.0, "still_near": 0.95, "still_far": 0.93}
     rows = [
