@@ -249,10 +249,13 @@ NUMBERS = (
     r"^ +(\d+) +\| (.*?) +\| (.*?) *$",
 )
 
-# What Python and NumPy say of arrays in a function for one robot
+# What Python, NumPy and PyTorch say of arrays in a function for one robot
 NOT_ONE = (
-    r"\w+Error: (too many values|not enough values|The truth value|operands could not|only .*array)"
+    r"\w+Error: (too many values|not enough values|The truth value|Boolean value of Tensor|"
+    r"operands could not|only .*array|setting an array element|Input must be 1- or 2-d|"
+    r"index \d is out of bounds for axis 0 with size \d\b)"
 )
+NOT_JOINED = r"ValueError: all the input array"  # what NumPy says of numbers [n] beside rows [n, 2]
 
 
 def hint(report):
@@ -273,6 +276,8 @@ def hint(report):
     )
     if re.match(NOT_ONE, text):
         text = f"{text.splitlines()[0]}: your function gets batches [n, …]"
+    elif re.match(NOT_JOINED, text):
+        text = f"{text.splitlines()[0]}: numbers [n] become a column by [..., None]"
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |nan |\(shapes| ACTUAL)", text, flags=re.M)[0]

@@ -19,7 +19,7 @@ def right(mistake):
 
 
 # ------------------------------------------------------------------------ stage 1
-@right("by arctan2: π, which is a little less, may stay")
+@right("by arctan2, in (−π, π]")
 @wrong("in degrees", "too few turns")
 @wrong("a remainder with the sign of the angle", "too few turns")
 @wrong("takes away a single turn", "too few turns")
@@ -36,12 +36,25 @@ def wrap(angle):
 
 @wrong("wraps the yaw", "without wrap")
 @wrong("one pose, no batch", "batches [n, …]")
+@wrong("a yaw without an axis", "[..., None]")
+@wrong("turns the other way", "first turn the pose")
 def compose(base, pose):
     if mistake == "one pose, no batch":
         x, y, yaw = base
         return np.array([*(base[:2] + turned(pose[:2], yaw)), yaw + pose[2]])
+    if mistake == "turns the other way":
+        base = base * [1, 1, -1]
     place = base[..., :2] + turned(pose[..., :2], base[..., 2])
+    if mistake == "a yaw without an axis":
+        return np.concatenate([place, base[..., 2] + pose[..., 2]], -1)
     return np.concatenate([place, wrap(base[..., 2:] + pose[..., 2:])], -1)
+
+
+@wrong("wraps the yaw", "relative subtracts yaws, without wrap")
+def relative(base, pose):
+    away = pose - base
+    place = turned(away[..., :2], -base[..., 2])
+    return np.concatenate([place, wrap(away[..., 2:])], -1)
 
 
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
