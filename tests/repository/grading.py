@@ -274,10 +274,12 @@ def hint(report):
         "what is given must not be written to",
         text,
     )
-    if re.match(NOT_ONE, text):
-        text = f"{text.splitlines()[0]}: your function gets batches [n, …]"
-    elif re.match(NOT_JOINED, text):
-        text = f"{text.splitlines()[0]}: numbers [n] become a column by [..., None]"
+    for pattern, more in (
+        (NOT_ONE, "your function gets batches [n, …]"),
+        (NOT_JOINED, "numbers [n] become a column by [..., None]"),
+    ):
+        if re.match(pattern, text):
+            text = f"{text.splitlines()[0].rstrip('.')}: {more}"
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |nan |\(shapes| ACTUAL)", text, flags=re.M)[0]

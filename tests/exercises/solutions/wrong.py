@@ -163,17 +163,61 @@ def to_footsteps(action, limits):
 
 @right("(1 − K)·P as it is written, robot by robot, by a linear system")
 @wrong("every number for itself", "belong together")
+@wrong("a standard deviation for a variance", "so square them")
+@wrong("goal − measured", "a sign is turned round")
+@wrong("R / (V + R)", "K = V / (V + R) is turned round")
+@wrong("half of both", "the plain mean")
+@wrong("the error is not wrapped", "wrap the error of yaw: from 3.1")
+@wrong("the result is not wrapped", "wrap the yaw of the result, too")
+@wrong("for one robot, no batch", "batches [n, …]")
+@wrong("with variances only, for one robot", "batches [n, …]")
 def correct(goal, covariance, measured, noise):
+    if "one robot" in mistake:
+        P, R, error = covariance, np.diag(np.square(noise)), measured - goal
+        if "variances" in mistake:
+            P = np.diag(np.diag(covariance))
+        gain = P @ np.linalg.inv(P + R)
+        return goal + gain @ error, gain @ R
     goal, covariance = goal.copy(), covariance.copy()
     for i, P in enumerate(covariance):
         if mistake == "every number for itself":
             P = P * np.eye(3)
-        gain = np.linalg.solve(P + np.diag(np.square(noise)), P).T
+        R = np.diag(noise if mistake == "a standard deviation for a variance" else noise**2)
+        gain = np.linalg.solve(P + R, P).T
+        if mistake == "half of both":
+            gain = np.eye(3) / 2
         error = measured[i] - goal[i]
-        goal[i] += gain @ [error[0], error[1], wrap(error[2])]
+        if mistake != "the error is not wrapped":
+            error[2] = wrap(error[2])
+        if mistake == "goal − measured":
+            error = -error
+        goal[i] += (np.eye(3) - gain if mistake == "R / (V + R)" else gain) @ error
         covariance[i] = (np.eye(3) - gain) @ P
-    goal[:, 2] = wrap(goal[:, 2])
+    if mistake != "the result is not wrapped":
+        goal[:, 2] = wrap(goal[:, 2])
     return goal, covariance
+
+
+@wrong("a standard deviation for a variance", "so square them")
+@wrong("not turned", "J·P·Jᵀ, J = Rz(−turn)")
+@wrong("turned the wrong way", "J·P·Jᵀ, J = Rz(−turn)")
+@wrong("all turned by the yaw of the first one", "its OWN turn")
+@wrong("adds before it turns", "then add G·D·Gᵀ")
+@wrong("for one robot, no batch", "batches [n, …]")
+def predict(goal, covariance, motion, drift):
+    turn = motion[2] if mistake == "for one robot, no batch" else motion[:, 2]
+    if mistake == "all turned by the yaw of the first one":
+        turn = motion[0, 2]
+    turn = turn * {"not turned": 0, "turned the wrong way": -1}.get(mistake, 1)
+    goal = robot_model.relative(motion, goal)
+    J = robot_model.rotation(0, 0, -turn)
+    G = np.tile(np.eye(3), (len(goal), 1, 1))
+    G[:, 0, 2], G[:, 1, 2] = -goal[:, 1], goal[:, 0]
+    D = np.diag(drift if mistake == "a standard deviation for a variance" else drift**2)
+    added = G @ D @ G.mT
+    if mistake == "adds before it turns":
+        return goal, J @ (covariance + added) @ J.mT
+    return goal, J @ covariance @ J.mT + added
 
 
 # ------------------------------------------------------------------------ stage 4
