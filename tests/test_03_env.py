@@ -434,7 +434,7 @@ def test_estimate_correct_by_hand():
             0.25,
             2.5,
         ],
-        "K = V / (V + R) is turned round: the larger V is, the more counts what is measured": [
+        "K = V / (V + R) is turned round: the larger V is, the more the measurement counts": [
             1.25,
             1.5,
         ],

@@ -281,6 +281,8 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
 @wrong("0·nan", "0·nan is nan")
 @wrong("V of the next row", "next_values[t]")
 @wrong("normalised", "not normalised")
+@wrong("by NumPy", "write it in PyTorch")
+@wrong("for one robot, no batch", "batches [n, …]")
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     if mistake == "the flags of the row before":
         terminated, truncated = terminated.roll(1, 0), truncated.roll(1, 0)
@@ -292,8 +294,12 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     deltas = rewards + gamma * after - values
     found = [torch.zeros_like(rewards[0])]
     for delta, end in zip(deltas.flip(0), done.flip(0)):
+        if mistake == "for one robot, no batch" and end:
+            found[-1] = 0
         found.append(delta + gamma * lam * found[-1] * ~end)
     advantages = torch.stack(found[:0:-1])
+    if mistake == "by NumPy":
+        return advantages.numpy()
     if mistake == "normalised":
         return (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
     return advantages
@@ -302,6 +308,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @right("numbers to watch by their definitions")
 @right("shuffled by NumPy")
 @wrong("no normalisation", "divide by std")
+@wrong("normalised once, over all samples", "over the MINIBATCH")
 @wrong("no c_V", "value_coef")
 @wrong("the sign of the objective", "the sign of the objective is wrong")
 @wrong("gradients of any length", "as long as the gradient")
@@ -325,6 +332,8 @@ def improve(model, optimizer, data, cfg):
         entropy = model.policy(obs).entropy().mean().item()
         unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
     once = torch.randperm(len(obs))
+    if mistake == "normalised once, over all samples":
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
             advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
@@ -343,7 +352,7 @@ def improve(model, optimizer, data, cfg):
             old = old_log_prob[: len(pick)] if "order" in mistake else old_log_prob[pick]
             ratio = (log_prob - (log_prob.detach() if "always 1" in mistake else old)).exp()
             a = advantages[pick]
-            if mistake != "no normalisation":
+            if "normali" not in mistake:
                 a = (a - a.mean()) / (a.std(correction=0) + 1e-8)
             critic_loss = nn.functional.mse_loss(model.value(obs[pick]), targets[pick])
             if mistake == "half the squared error":
