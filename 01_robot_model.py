@@ -4,8 +4,8 @@ Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic
 II-a, a simulated biped with position-controlled joints. The robot is [6]. Sections and references
 have the paper's numbers. `tests/exercises/ledger.md` leads from each part of the paper to the code.
 
-    python 01_robot_model.py             2-D (pymunk), 4 seconds
-    python 01_robot_model.py --mujoco    3-D (MuJoCo), 8 seconds
+    python 01_robot_model.py             2-D (pymunk), 5 seconds
+    python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
 
 In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it has six joints: it
 moves forward and up, and stands, slips and falls as the physics says. Sidesteps and turns are as
@@ -183,7 +183,7 @@ class Motion:
 
 # ------------------------------------------------------------------------ poses on the floor
 def wrap(angle):
-    """The same angle in [−π, π) [rad]."""
+    """The same angle from −π to π [rad]. (Both ends are one direction; either will do.)"""
     return (angle + np.pi) % (2 * np.pi) - np.pi
 
 

@@ -238,19 +238,20 @@ def predict(goal, covariance, motion, drift):
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
-    # The robot has turned, so what it sees turns back, and so does the error of x and y.
-    J = robot_model.rotation(0, 0, -turn)  # [n, 3, 3] Rz(−turn)
+    # The robot has turned, so what it sees turns back, and so does the error of x and y, by
+    # J = Rz(−turn).
+    J = robot_model.rotation(0, 0, -turn)  # [n, 3, 3]
     # Let the double step end a small e = (e_x, e_y, e_yaw) away from its plan, as seen from there.
     # This moves a goal at (x, y) by −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned
-    # turn moves it to the side.
+    # turn moves it to the side. The covariance of e is D = diag(drift²).
     G = np.tile(np.eye(3), (len(goal), 1, 1))  # [n, 3, 3]
     G[:, 0, 2], G[:, 1, 2] = -y, x
-    D = np.diag(np.square(drift))  # [3, 3] covariance of e
+    D = np.diag(np.square(drift))  # [3, 3]
     return goal, J @ covariance @ J.mT + G @ D @ G.mT  # J·P·Jᵀ + G·D·Gᵀ
 
 
 def correct(goal, covariance, measured, noise):
-    """The goal [n, 3] after a measurement [n, 3], and its covariance; noise: the
+    """The goal [n, 3], its yaw wrapped, after a measurement [n, 3], and its covariance; noise: the
     standard deviation of the measurement [3]. In m, m, rad."""
     # Mix prediction and measurement, goal + K·(measured − goal). For one number with independent
     # errors of variance V and R the mix has the variance (1 − K)²·V + K²·R. This is smallest where

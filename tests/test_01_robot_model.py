@@ -135,21 +135,26 @@ def mujoco_at(torso, joints, robot=ROBOT):
 
 
 def test_compose_multiplies_matrices_and_relative_undoes_it():
-    def place(pose):  # as x + i·y; a turn is a factor
-        return pose[..., 0] + 1j * pose[..., 1]
+    def turn(place, yaw):  # as x + i·y, which a turn multiplies by a number
+        z = (place[..., 0] + 1j * place[..., 1]) * np.exp(1j * yaw)
+        return np.stack([z.real, z.imag], -1)
 
     for shape in (40,), (), (2, 4):  # a batch, one pose, rows of poses
-        poses = default_rng(2).uniform(-1, 1, (2, *shape, 3)) * [1, 1, 3]
+        poses = default_rng(2).uniform(-1, 1, (2, *shape, 3)) * [1, 1, 9]
         frozen(poses)
         base, inner = poses
         got = robot_model.compose(base, inner)
         frozen(got)
-        want = place(base) + np.exp(1j * base[..., 2]) * place(inner)
-        close(place(got), want, "first turn the pose by the base's yaw, then add the base's place")
+        want = base[..., :2] + turn(inner, base[..., 2])
+        hint = "first turn the pose by the base's yaw, then add the base's place"
+        close(got[..., :2], want, hint)
         hint = "yaws add up, without wrap: a foot that turns on and on must not jump"
         close(got[..., 2], poses[..., 2].sum(0), hint)
         hint = "relative undoes compose: first subtract the base's place, then turn back, by −yaw"
-        close(robot_model.relative(base, got), inner, hint)
+        back = robot_model.relative(base, got)
+        close(back[..., :2], inner[..., :2], hint)
+        hint = "relative subtracts yaws, without wrap, so that it undoes compose"
+        close(back[..., 2], inner[..., 2], hint)
 
 
 def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
@@ -158,7 +163,7 @@ def test_wrap_keeps_the_direction_and_stays_within_half_a_turn():
     wrapped = robot_model.wrap(angles)
     outside = np.abs(wrapped) > math.pi + 1e-9
     assert not outside.any(), (
-        f"[−π, π): {angles[outside][0]:.2f} becomes {wrapped[outside][0]:.2f}, too few turns are "
+        f"from −π to π: {angles[outside][0]:.2f} becomes {wrapped[outside][0]:.2f}, too few turns are "
         "taken away, or too many"
     )
     close(

@@ -367,6 +367,14 @@ def test_feet_within_the_limits_do_not_touch(sim):
 DRIFT, NOISE = np.broadcast_to([[0.1, 0.2, 0.5], [0.1, 0.1, 0.2]], (2, 3))
 
 
+BATCH = "your function gets batches [n, …]: n goals [n, 3], n covariances [n, 3, 3]"
+
+
+def explained(got, mistakes, hint):
+    """The hint, or of these mistakes (what each of them gives, by what to say) the one that was made."""
+    return next((said for said, wrong in mistakes.items() if np.allclose(got, wrong)), hint)
+
+
 def test_estimate_predict_by_hand():
     goal = np.array([[2.4, 0, 0.5], [1.3, 0.1, 0.5]])
     before = np.array([[[0.01, 0.004, 0], [0.004, 0.02, 0.003], [0, 0.003, 0.03]]] * 2)
@@ -374,23 +382,36 @@ def test_estimate_predict_by_hand():
     motion = np.array([[0.4, 0, 0], [0.3, 0.1, math.pi / 2]])
     frozen(goal, before, motion)
     got, covariance = env.predict(goal, before, motion, DRIFT)
+    assert (np.shape(got), np.shape(covariance)) == (goal.shape, before.shape), BATCH
     hint = "the goal seen from the new pose: who turns left sees it turn right; `relative`"
     close(got, [[2.0, 0, 0.5], [0, -1.0, 0.5 - math.pi / 2]], hint)
     # drift² = 0.01, 0.04, 0.25; of the first goal, at x = 2: (x·0.5)² to y, x·0.5² to y with yaw
     hint = (
-        "V + drift² + lever: an unplanned turn by e moves a goal at x ahead by e·x to the SIDE; x "
-        "is that after the double step"
+        "G·D·Gᵀ, D = diag(drift²): an unplanned turn by e moves a goal at x ahead by e·x to the "
+        "SIDE; x is that after the double step"
     )
-    close(np.diagonal(covariance[0]), [0.02, 0.06 + 1.0, 0.28], hint)
+    root = "D = diag(drift²), variances: `drift` holds standard deviations, so square them"
+    got = np.diagonal(covariance[0])
+    hint = explained(got, {root: [0.11, 0.22 + 2.0, 0.53]}, hint)
+    close(got, [0.02, 0.06 + 1.0, 0.28], hint)
     hint = (
         "G·D·Gᵀ: who turned too far sees the goal too far to the right and turned, so these errors "
         "belong together"
     )
     close(covariance[0], [[0.02, 0.004, 0], [0.004, 1.06, 0.503], [0, 0.503, 0.28]], hint)
     # of the second one, at y = −1: (y·0.5)² to x; x′ = y and y′ = −x
-    want = [[0.04 + 0.26, -0.008, 0.006 + 0.25], [-0.008, 0.06, 0], [0.256, 0, 0.31]]
-    hint = "J·P·Jᵀ: who turns left sees the goal, and its errors of x and y, turn back with it"
-    close(covariance[1], want, hint)
+    P = np.array([[0.04, -0.008, 0.006], [-0.008, 0.02, 0], [0.006, 0, 0.06]])  # J·P·Jᵀ
+    added = [[0.26, 0, 0.25], [0, 0.04, 0], [0.25, 0, 0.25]]  # G·D·Gᵀ
+    too_early = P + [[0.04, 0, 0], [0, 0.26, -0.25], [0, -0.25, 0.25]]
+    late = "G·D·Gᵀ is seen from the new pose: first turn P, J·P·Jᵀ, then add G·D·Gᵀ"
+    _, alone = env.predict(goal[1:], before[1:], motion[1:], DRIFT)
+    own = "right for one robot alone: J = Rz(−turn) of a robot has its OWN turn, motion[:, 2]"
+    mistakes = {late: too_early} | ({own: covariance[1]} if np.allclose(alone, P + added) else {})
+    hint = (
+        "J·P·Jᵀ, J = Rz(−turn): who turns left sees the goal, and its errors of x and y, turn back "
+        "with it"
+    )
+    close(covariance[1], P + added, explained(covariance[1], mistakes, hint))
 
 
 def test_estimate_correct_by_hand():
@@ -400,10 +421,34 @@ def test_estimate_correct_by_hand():
     measured = np.array([[2.0, 1, -3.1], [1, 2, 3], [1.3, 2.2, 3]])
     frozen(goal, covariance, measured)
     got, after = env.correct(goal, covariance, measured, NOISE)
-    hint = "goal + K·(measured − goal), K = V / (V + noise²): is K turned round?"
-    close(got[0, :2], [1.75, 1.5], hint)  # K = 0.75, 0.5, 0.75; and 1
-    around = 3.1 + 0.75 * (2 * math.pi - 6.2) - 2 * math.pi
-    close(got[0, 2], around, "from 3.1 to −3.1 rad it is a short turn, over π: wrap twice")
+    assert (np.shape(got), np.shape(after)) == (goal.shape, covariance.shape), (
+        f"{BATCH}; `robot_model.apply` multiplies K of each robot by its error"
+    )
+    # K = 0.75, 0.5, 0.75; and 1
+    mistakes = {
+        "R = diag(noise²), variances: `noise` holds standard deviations, so square them": [
+            1 + 0.03 / 0.13,
+            2 - 0.01 / 0.11,
+        ],
+        "goal + K·(measured − goal): a sign is turned round, it moves away from what is seen": [
+            0.25,
+            2.5,
+        ],
+        "K = V / (V + R) is turned round: the larger V is, the more the measurement counts": [
+            1.25,
+            1.5,
+        ],
+        "this is the plain mean: K = V / (V + R) weighs both by how exact they are": [1.5, 1.5],
+    }
+    hint = "goal + K·(measured − goal), K = V / (V + R), R = diag(noise²)"
+    close(got[0, :2], [1.75, 1.5], explained(got[0, :2], mistakes, hint))
+    short = 3.1 + 0.75 * (2 * math.pi - 6.2)
+    mistakes = {
+        "wrap the yaw of the result, too: over π it goes on at −π": short,
+        "wrap the error of yaw: from 3.1 to −3.1 rad it is a short turn, over π": 3.1 - 0.75 * 6.2,
+    }
+    hint = "goal + K·(measured − goal): wrap the error of yaw, and the yaw of the result"
+    close(got[0, 2], short - 2 * math.pi, explained(got[0, 2], mistakes, hint))
     close(got[1], [1, 2, 3], "with nothing known before, the measurement counts alone")
     hint = "K = P·(P + R)⁻¹: errors of x and yaw belong together, so what is seen of x tells of yaw"
     # (P + R)⁻¹ of x and yaw: (0.07, −0.02; −0.02, 0.04) / (0.04·0.07 − 0.02²)

@@ -73,6 +73,10 @@ def test_gae_equals_the_double_sum(lam):
         told = [x[:rows] for x in (r, v, after, fall, truncated & cuts)]
         given = [*map(torch.tensor, told)]  # [rows, robots] each
         got = ppo.gae(*given, gamma, lam)
+        assert isinstance(got, torch.Tensor), (
+            f"a tensor [T, N], with which stage 4 goes on, not {type(got).__name__}: write it in "
+            "PyTorch"
+        )
         for tensor, array in zip(given, told):
             equal(tensor, array, "what is given must not be written to")
         close(got, brute_force_advantages(*told, gamma, lam), hint, atol=1e-5, rtol=1e-5)
@@ -385,25 +389,30 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
         close(got[name], number.item(), hint, rtol=1e-3)
 
 
-def test_gradients_are_limited_to_the_maximal_length():
-    lengths = []
+def gradients(cfg, lr=0.0, outlier=0.0, **rewards):
+    """How long the gradient of every step is, of a fresh model; one of the rewards is much larger."""
+    lengths, model = [], fresh_model()
 
     class Spy(torch.optim.SGD):
         def step(self):
             lengths.append(math.hypot(*(p.grad.norm() for p in self.param_groups[0]["params"])))
             super().step()
 
+    data = rollout(model, **rewards)
+    data["reward"][0, 0] += outlier
+    ppo.improve(model, Spy(model.parameters(), lr=lr), data, cfg)
+    return lengths
+
+
+def test_gradients_are_limited_to_the_maximal_length():
     cfg = PPOConfig(minibatch=36, epochs=3, max_grad_norm=0.01)
-    model = fresh_model()
-    ppo.improve(model, Spy(model.parameters(), lr=1e-3), rollout(model, scale=1000), cfg)
+    lengths = gradients(cfg, lr=1e-3, scale=1000)
     assert len(lengths) == 3 * 4, (
         "every epoch uses all 128 samples, in minibatches of 36, 36, 36, 20"
     )
     hint = "a step is as long as the gradient: scale that of actor and critic together, every time"
     close(lengths, 0.01, hint, rtol=1e-3)
-    cfg = replace(cfg, max_grad_norm=1e9)
-    ppo.improve(model, Spy(model.parameters(), lr=0.0), rollout(model, scale=1000), cfg)
-    free = lengths[12:]
+    free = gradients(replace(cfg, max_grad_norm=1e9), scale=1000)
     assert min(free) > 50, "the limit is a setting, and the test needs long gradients"
     assert free[-1] < 4 * free[0], (
         "gradients pile up from one step to the next: optimizer.zero_grad() before backward()"
@@ -459,6 +468,12 @@ def test_advantages_are_normalised():
     ):
         apart = (changed - plain).norm() / (plain - start).norm()
         assert apart < 0.01, f"a policy must not depend on {word} ({apart:.0%})"
+    cfg = replace(cfg, minibatch=16)
+    apart = np.median(gradients(cfg, outlier=1e4)) / np.median(gradients(cfg))
+    assert apart > 0.5, (
+        "Â = (A − mean) / std over the MINIBATCH: over all samples a single huge reward makes the "
+        f"gradients of the minibatches without it short ({apart:.0%})"
+    )
 
 
 def test_the_first_policy_of_a_training_is_made_as_it_is_told():

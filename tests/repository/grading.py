@@ -24,7 +24,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from sheet import ROOT, left_out, lesson, part  # of tests/exercises
+from sheet import ROOT, left_out, part  # of tests/exercises
 from workbook import BOOK, graded_by
 
 PATIENCE = 6  # [s] for an import or a test; a sixth for other tests of an exercise that was late
@@ -230,12 +230,12 @@ class Grading:
 
 def own_code(solved, folder):
     """The commands with which solved exercises run in the robot, of each lesson that has one of
-    them; none if another function in this folder is still empty."""
+    them, also in parentheses; none if another function in this folder is still empty."""
     if any('"exercise: ' in path.read_text("utf-8", "replace") for path in folder.glob("*.py")):
         return
     shown = (folder.relative_to(ROOT) if folder.is_relative_to(ROOT) else folder).as_posix()
     for number in range(1, 12):
-        if {*lesson(number)} & {*solved}:
+        if {*re.findall(r"`build\.(\w+)`", part(number))} & {*solved}:
             (told,) = re.findall(r"^- Your own code: `([^`]+)`", part(number), re.MULTILINE)
             yield re.sub(r"exercises/lesson\d+", shown, " ".join(told.split()))
 
@@ -249,10 +249,13 @@ NUMBERS = (
     r"^ +(\d+) +\| (.*?) +\| (.*?) *$",
 )
 
-# What Python and NumPy say of arrays in a function for one robot
+# What Python, NumPy and PyTorch say of arrays in a function for one robot
 NOT_ONE = (
-    r"\w+Error: (too many values|not enough values|The truth value|operands could not|only .*array)"
+    r"\w+Error: (too many values|not enough values|The truth value|Boolean value of Tensor|"
+    r"operands could not|only .*array|setting an array element|Input must be 1- or 2-d|"
+    r"index \d is out of bounds for axis 0 with size \d\b)"
 )
+NOT_JOINED = r"ValueError: all the input array"  # what NumPy says of numbers [n] beside rows [n, 2]
 
 
 def hint(report):
@@ -271,8 +274,12 @@ def hint(report):
         "what is given must not be written to",
         text,
     )
-    if re.match(NOT_ONE, text):
-        text = f"{text.splitlines()[0]}: your function gets batches [n, …]"
+    for pattern, more in (
+        (NOT_ONE, "your function gets batches [n, …]"),
+        (NOT_JOINED, "numbers [n] become a column by [..., None]"),
+    ):
+        if re.match(pattern, text):
+            text = f"{text.splitlines()[0].rstrip('.')}: {more}"
     # numpy writes a head line before the author's message and its numbers behind it.
     text = re.sub(r"^(Not equal to tolerance|Arrays are not|Items are not).*\n+", "", text)
     message = re.split(r"^(?:assert |Mismatch|x and y |nan |\(shapes| ACTUAL)", text, flags=re.M)[0]

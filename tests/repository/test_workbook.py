@@ -311,6 +311,17 @@ def test_who_tests_in_several_processes_gets_the_same_grades(tmp_path):
     )
 
 
+def test_a_solved_exercise_has_a_command_that_runs_it(tmp_path):
+    """Also one in parentheses, whose sheet has nothing else."""
+    for name in BOOK:
+        (told, *others) = grading.own_code([name], tmp_path)
+        assert told.startswith("python ") and not others, (
+            f"{name}: course.md has it in no lesson, or two"
+        )
+        assert tmp_path.as_posix() in told, told
+    assert "04_ppo.py --quick" in next(grading.own_code(["improve"], tmp_path))
+
+
 @pytest.mark.parametrize("message, said", [
     ("AssertionError: mind the\n  sign\nassert 1 == 2", "mind the sign"),
     ("AssertionError: \nNot equal to tolerance rtol=1e-07, atol=0\nits sign\n"

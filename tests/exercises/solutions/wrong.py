@@ -19,7 +19,7 @@ def right(mistake):
 
 
 # ------------------------------------------------------------------------ stage 1
-@right("by arctan2: π, which is a little less, may stay")
+@right("by arctan2, in (−π, π]")
 @wrong("in degrees", "too few turns")
 @wrong("a remainder with the sign of the angle", "too few turns")
 @wrong("takes away a single turn", "too few turns")
@@ -36,12 +36,25 @@ def wrap(angle):
 
 @wrong("wraps the yaw", "without wrap")
 @wrong("one pose, no batch", "batches [n, …]")
+@wrong("a yaw without an axis", "[..., None]")
+@wrong("turns the other way", "first turn the pose")
 def compose(base, pose):
     if mistake == "one pose, no batch":
         x, y, yaw = base
         return np.array([*(base[:2] + turned(pose[:2], yaw)), yaw + pose[2]])
+    if mistake == "turns the other way":
+        base = base * [1, 1, -1]
     place = base[..., :2] + turned(pose[..., :2], base[..., 2])
+    if mistake == "a yaw without an axis":
+        return np.concatenate([place, base[..., 2] + pose[..., 2]], -1)
     return np.concatenate([place, wrap(base[..., 2:] + pose[..., 2:])], -1)
+
+
+@wrong("wraps the yaw", "relative subtracts yaws, without wrap")
+def relative(base, pose):
+    away = pose - base
+    place = turned(away[..., :2], -base[..., 2])
+    return np.concatenate([place, wrap(away[..., 2:])], -1)
 
 
 @wrong("√(roll² + pitch²)", "roll 32°, pitch 32°")
@@ -150,17 +163,61 @@ def to_footsteps(action, limits):
 
 @right("(1 − K)·P as it is written, robot by robot, by a linear system")
 @wrong("every number for itself", "belong together")
+@wrong("a standard deviation for a variance", "so square them")
+@wrong("goal − measured", "a sign is turned round")
+@wrong("R / (V + R)", "K = V / (V + R) is turned round")
+@wrong("half of both", "the plain mean")
+@wrong("the error is not wrapped", "wrap the error of yaw: from 3.1")
+@wrong("the result is not wrapped", "wrap the yaw of the result, too")
+@wrong("for one robot, no batch", "batches [n, …]")
+@wrong("with variances only, for one robot", "batches [n, …]")
 def correct(goal, covariance, measured, noise):
+    if "one robot" in mistake:
+        P, R, error = covariance, np.diag(np.square(noise)), measured - goal
+        if "variances" in mistake:
+            P = np.diag(np.diag(covariance))
+        gain = P @ np.linalg.inv(P + R)
+        return goal + gain @ error, gain @ R
     goal, covariance = goal.copy(), covariance.copy()
     for i, P in enumerate(covariance):
         if mistake == "every number for itself":
             P = P * np.eye(3)
-        gain = np.linalg.solve(P + np.diag(np.square(noise)), P).T
+        R = np.diag(noise if mistake == "a standard deviation for a variance" else noise**2)
+        gain = np.linalg.solve(P + R, P).T
+        if mistake == "half of both":
+            gain = np.eye(3) / 2
         error = measured[i] - goal[i]
-        goal[i] += gain @ [error[0], error[1], wrap(error[2])]
+        if mistake != "the error is not wrapped":
+            error[2] = wrap(error[2])
+        if mistake == "goal − measured":
+            error = -error
+        goal[i] += (np.eye(3) - gain if mistake == "R / (V + R)" else gain) @ error
         covariance[i] = (np.eye(3) - gain) @ P
-    goal[:, 2] = wrap(goal[:, 2])
+    if mistake != "the result is not wrapped":
+        goal[:, 2] = wrap(goal[:, 2])
     return goal, covariance
+
+
+@wrong("a standard deviation for a variance", "so square them")
+@wrong("not turned", "J·P·Jᵀ, J = Rz(−turn)")
+@wrong("turned the wrong way", "J·P·Jᵀ, J = Rz(−turn)")
+@wrong("all turned by the yaw of the first one", "its OWN turn")
+@wrong("adds before it turns", "then add G·D·Gᵀ")
+@wrong("for one robot, no batch", "batches [n, …]")
+def predict(goal, covariance, motion, drift):
+    turn = motion[2] if mistake == "for one robot, no batch" else motion[:, 2]
+    if mistake == "all turned by the yaw of the first one":
+        turn = motion[0, 2]
+    turn = turn * {"not turned": 0, "turned the wrong way": -1}.get(mistake, 1)
+    goal = robot_model.relative(motion, goal)
+    J = robot_model.rotation(0, 0, -turn)
+    G = np.tile(np.eye(3), (len(goal), 1, 1))
+    G[:, 0, 2], G[:, 1, 2] = -goal[:, 1], goal[:, 0]
+    D = np.diag(drift if mistake == "a standard deviation for a variance" else drift**2)
+    added = G @ D @ G.mT
+    if mistake == "adds before it turns":
+        return goal, J @ (covariance + added) @ J.mT
+    return goal, J @ covariance @ J.mT + added
 
 
 # ------------------------------------------------------------------------ stage 4
@@ -224,6 +281,8 @@ def __init__(self, obs_dim, act_dim, hidden=(64, 64), first_action=0.5, concentr
 @wrong("0·nan", "0·nan is nan")
 @wrong("V of the next row", "next_values[t]")
 @wrong("normalised", "not normalised")
+@wrong("by NumPy", "write it in PyTorch")
+@wrong("for one robot, no batch", "batches [n, …]")
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     if mistake == "the flags of the row before":
         terminated, truncated = terminated.roll(1, 0), truncated.roll(1, 0)
@@ -235,8 +294,12 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     deltas = rewards + gamma * after - values
     found = [torch.zeros_like(rewards[0])]
     for delta, end in zip(deltas.flip(0), done.flip(0)):
+        if mistake == "for one robot, no batch" and end:
+            found[-1] = 0
         found.append(delta + gamma * lam * found[-1] * ~end)
     advantages = torch.stack(found[:0:-1])
+    if mistake == "by NumPy":
+        return advantages.numpy()
     if mistake == "normalised":
         return (advantages - advantages.mean()) / (advantages.std(correction=0) + 1e-8)
     return advantages
@@ -245,6 +308,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @right("numbers to watch by their definitions")
 @right("shuffled by NumPy")
 @wrong("no normalisation", "divide by std")
+@wrong("normalised once, over all samples", "over the MINIBATCH")
 @wrong("no c_V", "value_coef")
 @wrong("the sign of the objective", "the sign of the objective is wrong")
 @wrong("gradients of any length", "as long as the gradient")
@@ -268,6 +332,8 @@ def improve(model, optimizer, data, cfg):
         entropy = model.policy(obs).entropy().mean().item()
         unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
     once = torch.randperm(len(obs))
+    if mistake == "normalised once, over all samples":
+        advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
             advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
@@ -286,7 +352,7 @@ def improve(model, optimizer, data, cfg):
             old = old_log_prob[: len(pick)] if "order" in mistake else old_log_prob[pick]
             ratio = (log_prob - (log_prob.detach() if "always 1" in mistake else old)).exp()
             a = advantages[pick]
-            if mistake != "no normalisation":
+            if "normali" not in mistake:
                 a = (a - a.mean()) / (a.std(correction=0) + 1e-8)
             critic_loss = nn.functional.mse_loss(model.value(obs[pick]), targets[pick])
             if mistake == "half the squared error":
