@@ -215,7 +215,7 @@ class BaselineSettings:
     share: bool = False  # do both feet share a sideways distance, and a turn by their limits? Ours
 
 
-TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-27
+TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-28
     "pymunk": BaselineSettings(
         forward=0.4516,
         backward=0.5084,
@@ -228,14 +228,14 @@ TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/base
         share=True,
     ),
     "mujoco": BaselineSettings(
-        forward=0.4237,
-        backward=0.4477,
-        sideways=0.1778,
-        turning=1.8113,
-        gain=1.1469,
-        turning_gain=0.8948,
-        far_m=0.485,
-        time_constant=0.238,
+        forward=0.4726,
+        backward=0.4054,
+        sideways=0.4742,
+        turning=3.167,
+        gain=0.9788,
+        turning_gain=1.1781,
+        far_m=1.4531,
+        time_constant=0.0217,
         share=True,
     ),
 }
