@@ -221,9 +221,9 @@ def plot(found, sim):
                     axis.plot(
                         100 * row[key], row["time"], marker, color=color, fillstyle=fill, ms=9
                     )
-                axis.text(100 * row[key], row["time"], f"   {part}", color=color)
                 (best,) = pick(rows, chosen=True)
                 axis.plot(100 * best[key], best["time"], "ko", ms=17, fillstyle="none")
+                axis.text(100 * best[key], best["time"], f"    {part}", color=color, va="center")
         axis.set(xlabel=f"falls: {title}")
     axes[0].set_ylabel("mean time, near and far [s]")
     return figure
