@@ -131,16 +131,25 @@ def evaluated(sim, key, **wanted):
     return values(read(sim, "evaluation")["rows"], key, noise=True, **wanted)
 
 
-def against_expert(sim, std):
-    wanted = {"noise": True, "goal_std_m": std, "reference": "expert"}
-    return pick(read(sim, "evaluation")["ratios"], **wanted)[0]
-
-
-def saved(sim, std):
-    """How much less time the policy takes than the expert, and its interval [%]."""
-    row = against_expert(sim, std)
+def saved(sim, std, other="baseline_tuned"):
+    """How much less time the policy takes than another planner, and its interval [%]."""
+    wanted = {"noise": True, "goal_std_m": std, "reference": other}
+    (row,) = pick(read(sim, "evaluation")["ratios"], **wanted)
     low, high = row["time_ratio_ci95"]
     return percent(1 - row["time_ratio"], 1 - high, 1 - low)
+
+
+def least_and_most_saved():
+    names = "baseline_tuned", "expert"
+    return ends([saved("mujoco", std, other)[0] for std in STD.values() for other in names])
+
+
+def opponents():
+    """What the policy saves to far and near goals; how often the tuned baseline falls, far."""
+    wanted = {"planner": "baseline_tuned", "goal_std_m": FAR}
+    fall, walks = (evaluated("mujoco", key, **wanted)[0] for key in ("fall", "episodes"))
+    expert = [saved("mujoco", std, "expert")[0] for std in (FAR, NEAR)]
+    return [saved("mujoco", FAR), fall * walks, walks, saved("mujoco", NEAR), expert]
 
 
 def mass():
@@ -165,17 +174,21 @@ def chosen(part):
     return pick(study("baseline")[part]["finalists"], chosen=True)[0]
 
 
-def expert_and_policies():
-    expert, part = chosen("expert"), ("baseline", "policy")
-    times, falls = (ends(column(key, *part)) for key in ("time", "fall"))
-    walked = study("baseline")["expert"]["trials"]
-    return [expert["time"], 100 * expert["fall"], walked, len(rows(*part)), times, percent(*falls)]
+def planners_and_policies():
+    """Times and falls of the chosen planners, the policies and the paper's settings [s, %]."""
+    tuned, expert = chosen("baseline_tuned"), chosen("expert")
+    assert tuned["fall"] == expert["fall"], "the sentence gives both the same number"
+    times, falls = (ends(column(key, "baseline", "policy")) for key in ("time", "fall"))
+    walked, count = study("baseline")["expert"]["trials"], len(rows("baseline", "policy"))
+    found = [tuned["time"], expert["time"], 100 * tuned["fall"], walked, count, times]
+    return [*found, percent(*falls), study("baseline")["paper"]["time"]]
 
 
-def kept():
-    """How many keep the rule, and how many there are: settings of the expert, then policies."""
-    found = study("baseline")["expert"]["finalists"], rows("baseline", "policy")
-    return [[sum(map(baseline.keeps, part)), len(part)] for part in found]
+def four_searches():
+    _, *three, _ = study("baseline")["baseline_tuned"]["finalists"]
+    times, falls = values(three, "time"), values(three, "fall")
+    asked = 100 * (baseline.STAYS + baseline.MORE)
+    return [times, 100 * three[0]["still_far"], percent(*falls[1:]), asked]
 
 
 def distances():
@@ -318,10 +331,8 @@ NUMBERS = {
         evaluated("pymunk", "time_mean", planner=name, goal_std_m=NEAR)
         for name in ("policy", "baseline_tuned", "baseline")
     ],
-    "evaluation: headline": lambda: [saved("mujoco", std)[0] for std in (NEAR, FAR)],
-    "evaluation: expert": lambda: [
-        saved(*which) for which in (("mujoco", FAR), ("mujoco", NEAR), ("pymunk", NEAR))
-    ],
+    "evaluation: headline": least_and_most_saved,
+    "evaluation: opponents": opponents,
     "by hand: feet": lambda: [82, 100, 100, 6.5, 2.9],  # README has the commands
     "by hand: pushes": lambda: [100, 22, 12, 24, 9],
     "robot: mass": lambda: [mass(), 7.5],
@@ -343,8 +354,9 @@ NUMBERS = {
         1000 * study("walk")["limits"]["clearance"][1],
     ],
     "walk: tune": tuned_walk,
-    "baseline: expert": expert_and_policies,
-    "baseline: rule": kept,
+    "baseline: times": planners_and_policies,
+    "baseline: four searches": four_searches,
+    "baseline: before": lambda: [study("baseline")["baseline_tuned"]["finalists"][0]["time"]],
     "search: times": lambda: evaluated("mujoco", "time_mean", planner="search"),
     "seeds: distances": distances,
     "seeds: far": far,

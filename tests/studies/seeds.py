@@ -11,7 +11,7 @@ its way to far goals. The trainings must be there, made by
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
 claims? Also for a simpler filter.
-pairs: times of the policy and of `expert`, goal by goal, from results/<sim>/trials.csv. Writes
+pairs: times of the policy and of `baseline_tuned`, goal by goal, from results/<sim>/trials.csv. Writes
 seeds.pairs.png.
 """
 
@@ -181,16 +181,16 @@ def study_estimate(args):
 
 
 def study_pairs(args):
-    """How often, and by how much, the policy is faster than the expert on the same goal; a figure."""
+    """How often, and by how much, the policy is faster than `baseline_tuned` to a goal; a figure."""
     walks = common.read_trials(RESULTS / args.sim / "trials.csv")
     figure, panels = common.subplots(1, 2, figsize=(9, 5))
     rows = []
     for panel, std in zip(panels, common.STD.values()):
-        policy, expert = (walks[name, True, std] for name in ("policy", "expert"))
-        ratio = evaluate.time_ratio(policy, expert)
+        policy, other = (walks[name, True, std] for name in ("policy", "baseline_tuned"))
+        ratio = evaluate.time_ratio(policy, other)
         rows.append({"goal_std_m": std, **ratio})
-        both = (policy["outcome"] == "success") & (expert["outcome"] == "success")
-        times = np.stack([expert["time"][both], policy["time"][both]])  # [s]
+        both = (policy["outcome"] == "success") & (other["outcome"] == "success")
+        times = np.stack([other["time"][both], policy["time"][both]])  # [s]
         # They are whole double steps: a small random shift parts points of the same place.
         shift = np.random.default_rng(0).uniform(-0.2, 0.2, times.shape)
         panel.plot(*times + shift, ".", ms=4, color=common.COLORS["policy"])
@@ -200,7 +200,7 @@ def study_pairs(args):
             xlim=(0, most),
             ylim=(0, most),
             aspect="equal",
-            xlabel="time of expert [s]",
+            xlabel="time of baseline_tuned [s]",
             ylabel="time of the policy [s]",
             title=f"goals σ {std} m: the policy is faster in {100 * ratio['faster']:.0f} %,\n"
             f"slower in {100 * ratio['slower']:.0f} % of {ratio['goals']} walks",
