@@ -3,6 +3,7 @@ file is not here; small_robot.urdf tells our robot as theirs does."""
 
 import re
 import sys
+import xml.etree.ElementTree as ET
 from argparse import Namespace
 from dataclasses import replace
 from importlib.util import find_spec
@@ -10,6 +11,7 @@ from unittest import mock
 
 import bullet
 import common
+import mujoco
 import numpy as np
 import pytest
 import transfer
@@ -33,14 +35,49 @@ def walked(physics, body=None):
     return poses[:, -1]
 
 
+def links(simulator, joints):
+    """Where torso and links are, and how they are turned, seen from the torso [9, 12]."""
+    data = mujoco.MjData(simulator.model)
+    data.qpos[6:] = joints
+    mujoco.mj_kinematics(simulator.model, data)
+    return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
+
+
 @pytest.mark.parametrize("mend", [True, False])
 def test_the_team_s_links_are_where_ours_are(mend):
     """Names, signs and zeros of the table. As published, the right foot is rolled."""
     theirs, ours = transfer.team_sim(URDF, mend)(*SETTINGS), robot_model.MujocoSim(*SETTINGS)
     rolled = -transfer.MISTAKE * (np.arange(12) == 11)
     for joints in np.random.default_rng(0).uniform(-0.3, 0.6, (20, 12)):
-        want = transfer.links(ours, joints + (not mend) * rolled)
-        close(transfer.links(theirs, joints), want, atol=2e-5)
+        close(links(theirs, joints), links(ours, joints + (not mend) * rolled), atol=2e-5)
+
+
+def test_frames_of_links_may_be_turned_as_in_the_team_s_file(tmp_path):
+    """The first link of the left leg, turned by 90° about x: the same robot, told otherwise."""
+    root = ET.parse(FILE).getroot()
+    first = next(joint for joint in root.iter("joint") if joint.get("name") == "LHipYaw")
+    name = first.find("child").get("link")
+    hung = [joint for joint in root.iter("joint") if joint.find("parent").get("link") == name]
+
+    def turned(element, key):  # seen from the turned frame: (x, y, z) is (x, z, −y)
+        x, y, z = map(float, element.get(key).split())
+        element.set(key, f"{x} {z} {-y}")
+
+    first.find("origin").set("rpy", f"{np.pi / 2} 0 0")
+    turned(first.find("axis"), "xyz")
+    for joint in hung:
+        assert joint.find("origin").get("rpy", "0 0 0").split() == ["0"] * 3
+        joint.find("origin").set("rpy", f"{-np.pi / 2} 0 0")
+        turned(joint.find("origin"), "xyz")
+    path = tmp_path / "robot.urdf"
+    path.write_text(ET.tostring(root, encoding="unicode"), "utf-8")
+    theirs, same = (
+        transfer.team_sim(urdf, True)(*SETTINGS) for urdf in (transfer.readable(path), URDF)
+    )
+    for found, want in zip(
+        transfer.axes(theirs, transfer.BENT), transfer.axes(same, transfer.BENT)
+    ):
+        close(found, want, atol=1e-6)
 
 
 def test_a_file_that_tells_our_robot_walks_as_our_robot():

@@ -70,7 +70,7 @@ OURS = """dof_damping dof_armature dof_frictionloss actuator_gainprm actuator_bi
     actuator_biastype actuator_forcerange actuator_forcelimited jnt_actfrclimited""".split()
 OPTIONS = "timestep", "cone", "disableflags"
 BENT = np.full(12, 0.5)  # [rad] joint angles at which the two robots are compared
-ALIKE = 3 * [0.05] + 9 * [0.17]  # [m] largest difference of a place; of a rotation's entries, 10°
+TURNED, APART = 0.17, 0.05  # [rad, m] largest difference of joint axes, and their distance
 
 
 # ------------------------------------------------------------------------ the team's model
@@ -128,12 +128,13 @@ def team_sim(urdf, mend):
     return TeamSim
 
 
-def links(simulator, joints):
-    """Where torso and links are, and how they are turned, seen from the torso [9, 12]."""
+def axes(simulator, joints):
+    """The directions of the joint axes [12, 3], and a point on each [12, 3] [m], seen from the torso.
+    (Frames of links may be turned in any way, as in the team's file.)"""
     data = mujoco.MjData(simulator.model)
     data.qpos[6:] = joints
     mujoco.mj_kinematics(simulator.model, data)
-    return np.hstack([data.xpos, data.xmat])[simulator.PARTS]
+    return data.xaxis[6:], data.xanchor[6:]
 
 
 def readable(path):
@@ -152,7 +153,9 @@ def readable(path):
         urdf, robot = ET.tostring(root, encoding="unicode"), robot_model.RobotModel()
         settings = 1, robot_model.stance(robot), robot
         theirs, ours = team_sim(urdf, True)(*settings), robot_model.MujocoSim(*settings)
-        if not (np.abs(links(theirs, BENT) - links(ours, BENT)) < ALIKE).all():  # or nan
+        (axis, point), (our_axis, our_point) = (axes(one, BENT) for one in (theirs, ours))
+        apart = np.linalg.norm(np.cross(point - our_point, our_axis), axis=1)  # [m]
+        if not ((np.abs(axis - our_axis) < TURNED).all() and (apart < APART).all()):  # or nan
             raise ValueError("its links are not where ours are: axes, lengths in metres?")
         if not 0.9 < theirs.model.body_mass.sum() / ours.model.body_mass.sum() < 1.1:
             raise ValueError("its mass is not that of our robot: in kilograms?")
