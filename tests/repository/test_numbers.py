@@ -273,12 +273,10 @@ def in_worlds(*names):
 
 
 def slow():
-    """Near goals with slow noise and with the usual one, of the policy, then of the expert."""
-    return [
-        column("time_mean", "kicks", "worlds", world=world, planner=planner, goal_std_m=NEAR)
-        for planner in ("policy", "expert")
-        for world in (kicks.SLOW, kicks.TRAINED)
-    ]
+    """Times to near goals, with noise that lasts; then that of an ideal walker, by a computation."""
+    names = "policy", "expert", "baseline_tuned"
+    wanted = {"world": kicks.SLOW, "goal_std_m": NEAR}
+    return [[column("time_mean", "kicks", "worlds", planner=name, **wanted) for name in names], 7]
 
 
 def without(name):
