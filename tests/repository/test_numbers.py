@@ -326,6 +326,16 @@ def mended():
     return [count("success", case), 0.4, count("fall", case, 0.4), count("fall", case), off]
 
 
+def another_robot():
+    """OP3, to far goals: time and falls of the policy, then of its opponents."""
+    own, *others = (
+        elsewhere("OP3", planner=name) for name in ("policy", "expert", "baseline_tuned")
+    )
+    assert own["falls"] == 0, "the sentence says never"
+    expert, tuned = ([row["time_mean"], row["falls"]] for row in others)
+    return [own["time_mean"], own["episodes"], expert, tuned, own["episodes"]]
+
+
 def wrong_zeros():
     """Times with zeros of σ 1°, shares of arrivals with those of 2°; with all three planners."""
     names = "policy", "expert", "baseline_tuned"
@@ -417,6 +427,13 @@ NUMBERS = {
     ],
     "transfer: engines": engines,
     "transfer: answers": mended,
+    "transfer: OP3": another_robot,
+    "transfer: README": lambda: [
+        count("success", transfer.PUBLISHED),
+        [elsewhere("OP3", planner=name)["time_mean"] for name in ("policy", "expert")],
+        elsewhere("OP3", planner="baseline_tuned")["falls"],
+        elsewhere("OP3")["episodes"],
+    ],
     "transfer: zeros": wrong_zeros,
 }
 

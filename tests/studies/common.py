@@ -34,7 +34,7 @@ COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 BEFORE = {  # studies in results/<sim>/studies that were not made with the stages as they are
     "pymunk": ["baseline"],
-    "mujoco": ["cluster", "transfer"],
+    "mujoco": ["cluster"],
 }
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
