@@ -430,7 +430,10 @@ NUMBERS = {
     "transfer: OP3": another_robot,
     "transfer: README": lambda: [
         count("success", transfer.PUBLISHED),
-        [elsewhere("OP3", planner=name)["time_mean"] for name in ("policy", "expert")],
+        [
+            elsewhere("OP3", planner=name)["time_mean"]
+            for name in ("policy", "expert", "baseline_tuned")
+        ],
         elsewhere("OP3", planner="baseline_tuned")["falls"],
         elsewhere("OP3")["episodes"],
     ],

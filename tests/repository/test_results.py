@@ -59,7 +59,7 @@ def test_pages_name_the_studies_of_the_robot_before():
     named = {"README.md": every & {"kicks"}, "results/STUDIES.md": every}
     named |= {f"results/{sim}/README.md": studies for sim, studies in common.BEFORE.items()}
     for page, studies in named.items():
-        told = r"\*The numbers of (.*?) are of the robot before its last change, and of its policy"
+        told = r"\*(?:In 2-D t|T)he numbers of (.*?) are of the robot before its last change, and of its policy"
         found = re.findall(told, " ".join(TEXTS[page].split()))
         wanted = ", ".join(sorted(studies))
         assert found == [wanted] * bool(wanted), f"{page} must name those of common.BEFORE"

@@ -408,7 +408,7 @@ def calm_and_pushed(planners, worlds, trial):
 
 WHAT = {  # README's planners, and what they are
     "policy": "the network",
-    "expert": "the best that we could write by hand",
+    "expert": "brakes late, turns while it walks; tuned",
     "search": "plans the fewest double steps, ignores balance",
     "baseline_tuned": "the paper's controller, tuned for this robot",
     "baseline": "the same, with the settings of the robot's team",

@@ -15,8 +15,8 @@ PATH is one file of the team, of 2024-09-26. It needs no meshes:
     git -C team show 3d2c30b74:bitbots_wolfgang/wolfgang_description/urdf/robot.urdf > robot.urdf
 
 Nothing is trained or tuned here. The robots walk to far goals, without pushes and with them, as in
-`seeds.py`, but to other goals. Guess first: what costs the most time, the engine, the team's masses and shapes, or a
-degree in each joint?
+`seeds.py`, but to other goals. Guess first: what costs the most time, the engine, the team's masses
+and shapes, or a degree in each joint?
 
 The file has a mistake, which the team mended on 2026-03-13: at its zero the right foot is rolled by
 1.3°. Our model has its masses, lengths and motors from this file, and since 2026-11-26 the centres of
