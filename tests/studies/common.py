@@ -164,15 +164,42 @@ def markdown(head, rows):
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}, those that a row has."""
     columns = {key: columns[key] for key in columns if any(key in row for row in rows)}
-    head = [HEADS.get(key, key.replace("_", " ")) for key in columns]
+    head = [key if ", " in key else HEADS.get(key, key.replace("_", " ")) for key in columns]
     lines = [" | ".join(cell(row, *column) for column in columns.items()) for row in rows]
     return markdown(" | ".join(head), lines)
+
+
+def beside(rows, columns):
+    """Rows and columns of a wider table: a key ("falls", "planner") becomes a column for each planner.
+
+    Rows with the same values under the keys before the first such pair become one row.
+    """
+    same = list(itertools.takewhile(lambda key: isinstance(key, str), columns))
+    if len(same) == len(columns):
+        return rows, columns
+    lines, wide = {}, {}
+    for row in rows:
+        lines.setdefault(tuple(row[key] for key in same), dict(row))
+    for key, digits in columns.items():
+        if isinstance(key, str):
+            wide[key] = digits
+            continue
+        value, name = key
+        for row in rows:
+            kind = row[name]
+            if name == "goal_std_m":
+                kind = "far" if kind == STD[True] else "near"
+            column = f"{HEADS.get(value, value)}, {kind}"
+            wide[column] = digits
+            line = lines[tuple(row[key] for key in same)]
+            line |= {column: row[value], f"{column}_ci95": row.get(f"{value}_ci95")}
+    return [*lines.values()], wide
 
 
 def sections(found, columns):
     """A heading and a table of its rows for every part that is there; columns by part."""
     return "\n".join(
-        f"### {part}\n\n{table(found[part]['rows'], columns[part])}"
+        f"### {part}\n\n{table(*beside(found[part]['rows'], columns[part]))}"
         for part in columns
         if part in found
     )

@@ -161,8 +161,9 @@ PARTS = {"steps": study_steps, "pushes": study_pushes, "worlds": study_worlds}
 
 
 COLUMNS = {
-    "pushes": {"speed": 1, "planner": 0, "fall": 3, "time_mean": 2},
-    "worlds": {"world": 0, "goal_std_m": 1, "planner": 0, "falls": 0, "success": 3, "time_mean": 2},
+    "pushes": {"speed": 1, ("fall", "planner"): 3, ("time_mean", "planner"): 2},
+    "worlds": {"world": 0, "planner": 0, ("falls", "goal_std_m"): 0}
+    | {("time_mean", "goal_std_m"): 2},
     "steps": {"push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
     | {"time_over_all": 3, "still_there": 2, "only_theirs": 0, "only_ours": 0, "p": 3},
 }

@@ -229,7 +229,7 @@ END = {
 
 
 COLUMNS = {
-    "distances": {"planner": 0, "distance": 2, "fall": 3, "time_mean": 2, "plan": 2},
+    "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0, "plan": 2},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
     "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3, "faster": 3, "slower": 3},
