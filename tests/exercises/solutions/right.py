@@ -357,11 +357,11 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """A hundred resamples at a time."""
+    """One resample at a time."""
     n = len(samples[0])
     rng, found = (np.random.default_rng(7), [])
-    while len(found) < resamples:
-        pick = rng.choice(n, (min(100, resamples - len(found)), n))
+    for _ in range(resamples):
+        pick = rng.choice(n, (1, n))
         found.extend(statistic(*(np.take(sample, pick) for sample in samples)))
     return (np.quantile(found, 0.025), np.quantile(found, 0.975))
 

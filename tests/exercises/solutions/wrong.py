@@ -447,37 +447,43 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
 
 @wrong("two independent resamples", "paired")
 @wrong("without replacement", "with replacement")
+@wrong("never the last walk", "the first and the last")
+@wrong("row by row", "arrays [resamples, n]")
 def bootstrap(statistic, *samples, resamples=2000):
     rng, count = np.random.default_rng(0), len(samples[0])
+    pick = rng.integers(count - (mistake == "never the last walk"), size=(resamples, count))
     if mistake == "without replacement":
-        pick = rng.random((resamples, count)).argsort(1)
-        drawn = [sample[pick] for sample in samples]
-    else:
-        drawn = [sample[rng.integers(count, size=(resamples, count))] for sample in samples]
-    return np.percentile(statistic(*drawn), [2.5, 97.5])
+        pick = pick.argsort(1)
+    two = mistake == "two independent resamples"
+    drawn = [sample[rng.permutation(pick) if two else pick] for sample in samples]
+    found = map(statistic, *drawn) if mistake == "row by row" else statistic(*drawn)
+    return np.percentile([*found], [2.5, 97.5])
 
 
 @wrong("the mean of ratios", "a ratio of the means")
 @wrong("the interval of the mean of ratios", "not of the mean of the ratios")
-@wrong("the mean of nothing", "no ratio")
+@wrong("the mean of nothing", "an empty dict")
+@wrong("who did not fall arrived", "no time-out")
+@wrong("who stays arrived", "still there or not")
+@wrong("twenty trials", "19 goals that both reached")
 def time_ratio(trials, reference):
-    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
+    def reached(row):
+        if mistake == "who stays arrived":
+            return row["still_there"]
+        return row["outcome"] != "fall" if "not fall" in mistake else row["outcome"] == "success"
+
+    def ratio(x, y, of_ratios="the interval of the mean of ratios"):
+        return (x / y).mean(-1) if mistake == of_ratios else x.mean(-1) / y.mean(-1)
+
+    both = reached(trials) & reached(reference)
     if not both.any():
         return {"goals": 0, "time_ratio": math.nan} if mistake == "the mean of nothing" else {}
     a, b = trials["time"][both], reference["time"][both]
-
-    def of_means(x, y):
-        return x.mean(-1) / y.mean(-1)
-
-    def of_ratios(x, y):
-        return (x / y).mean(-1)
-
-    ratio = of_ratios if mistake == "the mean of ratios" else of_means
-    drawn = of_ratios if mistake == "the interval of the mean of ratios" else of_means
+    enough = len(both if mistake == "twenty trials" else a) >= 20
     return {
         "goals": len(a),
-        "time_ratio": ratio(a, b),
-        "time_ratio_ci95": [*bootstrap(drawn, a, b)] if len(a) >= 20 else [math.nan] * 2,
+        "time_ratio": ratio(a, b, "the mean of ratios"),
+        "time_ratio_ci95": [*bootstrap(ratio, a, b)] if enough else [math.nan] * 2,
         "faster": np.mean(a < b),
         "slower": np.mean(a > b),
     }
