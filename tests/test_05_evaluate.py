@@ -88,7 +88,7 @@ def test_speed_and_turning_follow_the_settings_robot_by_robot():
     goals = np.array([[0, 5, 0], [0.3, 0, 0.2], [0.5, 0, 0.2]])
     found = evaluate.velocity_command(goals, OTHER)
     hint = (
-        "row 0: far, to the left; row 1: near, so ω = 2·α; row 2: far, which begins at 0.4 m here. "
+        "row 0: far, to the left; row 1: near, so ω = 2·α; row 2: far, which begins at 0.4 m. "
         "Every limit and gain comes from `settings`, not from the default. Gains come before limits: "
         "v = min(gain·d, v_max). Robots must not influence one another"
     )
@@ -238,7 +238,8 @@ def test_time_ratio_has_an_interval_from_twenty_goals_on():
     times = default_rng(0).uniform(5, 30, 21)
     few = "of few goals the resamples are alike, and the interval would be too narrow: nan"
     pairs = (
-        "paired: a goal's difficulty cancels out, resample goals, not times: one choice for both"
+        "enough for an interval. In a paired one a goal's difficulty cancels out: resample goals, "
+        "not times, with one choice for both planners"
     )
     for n, end, hint in (1, np.nan, few), (19, np.nan, few), (20, 0.5, pairs):
         ended = ["success"] * n + ["fall"]
@@ -250,11 +251,13 @@ def test_time_ratio_has_an_interval_from_twenty_goals_on():
 
 def test_time_ratio_s_bootstrap_is_that_of_theory():
     sample, seen = default_rng(1).normal(3.0, 2.0, 400), []
-    evaluate.bootstrap(lambda drawn: seen.extend(drawn) or drawn.mean(-1), sample[:5], resamples=70)
-    hint = "`statistic` gets arrays [resamples, n]: so many resamples as are asked for, each of n walks"
-    assert np.shape(seen) == (70, 5), hint
+    evaluate.bootstrap(
+        lambda drawn: seen.extend(drawn) or drawn.mean(-1), sample[:10], resamples=70
+    )
+    hint = "`statistic` gets arrays [resamples, n]: as many as are asked for, each of n walks"
+    assert np.shape(seen) == (70, 10), hint
     hint = "each of the n walks, also the first and the last, has its chance in every new resample"
-    assert len(np.unique(seen)) == 5, hint
+    assert len(np.unique(seen)) == 10, hint
     low, high = evaluate.bootstrap(lambda drawn: drawn.mean(1), sample)
     hint = "the interval lies around the sample's mean; `np.percentile` counts from 0 to 100"
     close((low + high) / 2, sample.mean(), hint, atol=0.03)
@@ -279,9 +282,9 @@ def test_time_ratio_s_interval_covers_the_truth():
         low, high = row["time_ratio_ci95"]
         covered.append(low <= 0.5 + 2 / 17.5 <= high)
     hint = (
-        "the share of intervals around the truth. An interval goes from 2.5 to 97.5 % of the ratios "
-        "of the means (along axis 1), not of the mean of the ratios; one call of `bootstrap` draws "
-        "for both planners; goals are drawn with replacement"
+        "which share of the intervals contains the truth? An interval goes from 2.5 to 97.5 % of the "
+        "ratios of the means (along axis 1), not of the mean of the ratios; one call of `bootstrap` "
+        "draws for both planners; goals are drawn with replacement"
     )
     close(np.mean(covered), 0.94, hint, atol=0.05)
 
