@@ -277,6 +277,8 @@ def hint(report):
     for pattern, more in (
         (NOT_ONE, "your function gets batches [n, …]"),
         (NOT_JOINED, "numbers [n] become a column by [..., None]"),
+        ("TypeError: .*NoneType", "does each function return its result?"),
+        ("ZeroDivisionError", "treat 0 apart"),
     ):
         if re.match(pattern, text):
             text = f"{text.splitlines()[0].rstrip('.')}: {more}"

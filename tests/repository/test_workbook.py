@@ -332,6 +332,8 @@ def test_a_solved_exercise_has_a_command_that_runs_it(tmp_path):
     ("ValueError: output array is read-only", "what is given must not be written to"),
     ("assert 1 == 2\n + where", "gae is right: assert 1 == 2"),
     ("TypeError: no such thing", "TypeError: no such thing"),
+    ("TypeError: no 'NoneType'", "TypeError: no 'NoneType': does each function return its result?"),
+    ("ZeroDivisionError: by 0", "ZeroDivisionError: by 0: treat 0 apart"),
 ])  # fmt: skip
 def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add(message, said):
     longrepr = SimpleNamespace(reprcrash=SimpleNamespace(message=message))

@@ -32,7 +32,7 @@ def fallen(torso, standing_height):
 
 def fallen(torso, standing_height):
     """The angle itself."""
-    roll, pitch = (torso[..., 3], torso[..., 4])
+    roll, pitch = torso[..., 3], torso[..., 4]
     tilt = np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
     return np.logical_or(torso[..., 2] < standing_height / 2, np.degrees(tilt) > 45)
 
@@ -48,19 +48,19 @@ def body_frames(robot, torso, joints):
     frames = np.zeros((*joints.shape[:-1], 9, 4, 4))
     for i in np.ndindex(joints.shape[:-1]):
         frames[i][0] = frame(*torso[i])
-        for side, leg in (1, joints[i][:6]), (-1, joints[i][6:]):
+        for first, side, leg in (1, 1, joints[i][:6]), (5, -1, joints[i][6:]):
             yaw, roll, pitch, knee, ankle_pitch, ankle_roll = leg
             hip = frames[i][0] @ frame(0, side * robot.hip_y, robot.hip_z, roll, 0, yaw)
             thigh = hip @ frame(robot.hip_x, 0, 0, 0, pitch)
             shin = thigh @ frame(0, 0, -robot.thigh_length, 0, knee)
             foot = shin @ frame(0, 0, -robot.shin_length, ankle_roll, ankle_pitch)
-            frames[i][[1, 2, 3, 4] if side > 0 else [5, 6, 7, 8]] = hip, thigh, shin, foot
+            frames[i][first : first + 4] = hip, thigh, shin, foot
     return frames[..., :3, 3], frames[..., :3, :3]
 
 
 def leg_inverse(robot, position, foot_turn):
     """The shin's angle by the law of sines."""
-    thigh, shin = (robot.thigh_length, robot.shin_length)
+    thigh, shin = robot.thigh_length, robot.shin_length
     rx, ry, rz = np.moveaxis(np.einsum("...ji,...j->...i", foot_turn, -position), -1, 0)
     ankle_roll = np.arctan2(ry, rz)
     zero = np.zeros_like(ankle_roll)
@@ -87,7 +87,7 @@ def leg_inverse(robot, position, foot_turn):
     """Leg by leg, the hip's roll by arctan2."""
     if np.ndim(position) > 1:
         return np.array([leg_inverse(robot, p, turn) for p, turn in zip(position, foot_turn)])
-    L1, L2 = (robot.thigh_length, robot.shin_length)
+    L1, L2 = robot.thigh_length, robot.shin_length
     r = -foot_turn.T @ position
     ankle_roll = math.atan2(r[1], r[2])
     M = foot_turn @ rotation(-ankle_roll, 0.0, 0.0)
@@ -148,7 +148,7 @@ def reflex(error, swings, p):
 
 def quintic(start, end, duration):
     """Six equations."""
-    start, end = (np.asarray(start, float), np.asarray(end, float))
+    start, end = np.asarray(start, float), np.asarray(end, float)
     rows = []
     for t in (0.0, duration):
         rows.append([t**k for k in range(6)])
@@ -184,9 +184,9 @@ def _swing(self, start, landing):
 
 def _knot(self, support, start, landing):
     """Robot by robot."""
-    p, knot = (self.parameters, np.zeros((len(support), 6, 3)))
+    p, knot = self.parameters, np.zeros((len(support), 6, 3))
     for i in range(len(support)):
-        before, after = ((support[i] + start[i]) / 2, (support[i] + landing[i]) / 2)
+        before, after = (support[i] + start[i]) / 2, (support[i] + landing[i]) / 2
         x, y, yaw = (before + after) / 2
         side = -(support[i, 0] - x) * np.sin(yaw) + (support[i, 1] - y) * np.cos(yaw)
         aside = p.trunk_swing * side
@@ -194,8 +194,7 @@ def _knot(self, support, start, landing):
         knot[i, 1, 0] = y + p.trunk_x_offset * np.sin(yaw) + aside * np.cos(yaw)
         knot[i, 2, 0] = p.trunk_height
         knot[i, 5, 0] = yaw
-        way = after - before
-        knot[i, [0, 1, 5], 1] = way / self.step_time
+        knot[i, [0, 1, 5], 1] = (after - before) / self.step_time
         knot[i, 4, 0] = p.trunk_pitch
         knot[i, 3, 0] = -p.trunk_roll if side > 0 else p.trunk_roll
     return knot
@@ -226,16 +225,12 @@ def encode_goal(goal):
     encoded = np.zeros((*goal.shape[:-1], 8), np.float32)
     for i in np.ndindex(goal.shape[:-1]):
         x, y, yaw = (float(v) for v in goal[i])
-        d, beta = (math.hypot(x, y), math.atan2(y, x))
+        d, beta = math.hypot(x, y), math.atan2(y, x)
         yaw = float(wrap(yaw))
         encoded[i] = (
             min(d, 2),
-            max(-1, min(1, 2 * x)),
-            max(-1, min(1, 2 * y)),
-            math.cos(beta),
-            math.sin(beta),
-            math.cos(yaw),
-            math.sin(yaw),
+            *(max(-1, min(1, 2 * v)) for v in (x, y)),
+            *(turn(angle) for angle in (beta, yaw) for turn in (math.cos, math.sin)),
             yaw / math.pi,
         )
     return encoded
@@ -252,7 +247,7 @@ def to_action(footsteps, limits):
 def potentials(goal, near_m):
     """Np.where, exp by a product of the two shares."""
     d, alpha, beta = polar(goal)
-    x, y = (goal[:, 0], goal[:, 1])
+    x, y = goal[:, 0], goal[:, 1]
     near = np.exp(-((x / near_m) ** 2)) * np.exp(-((y / near_m) ** 2))
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
@@ -262,7 +257,7 @@ def potentials(goal, near_m):
     d, alpha, beta = polar(goal)
     near = np.exp(-((d / near_m) ** 2))
     phi = np.zeros((3, len(goal)))
-    phi[0], phi[1] = (-d, -abs(alpha) * near)
+    phi[0], phi[1] = -d, -abs(alpha) * near
     phi[2] = -abs(beta) * (1 - near)
     return phi
 
@@ -276,7 +271,7 @@ def predict(goal, covariance, motion, drift):
         turn = np.array([[cos, sin, 0], [-sin, cos, 0], [0, 0, 1]])
         sides = np.array([[-1, 0, y], [0, -1, -x], [0, 0, -1]]) * drift
         after[i] = turn @ covariance[i] @ turn.T + sides @ sides.T
-    return (goal, after)
+    return goal, after
 
 
 def clipped_objective(ratio, advantage, clip):
@@ -291,7 +286,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     done = (terminated | truncated).float()
     next_values = torch.nan_to_num(next_values)
     deltas = rewards + gamma * next_values * (1.0 - terminated.float()) - values
-    advantages, last = (torch.zeros_like(rewards), 0.0)
+    advantages, last = torch.zeros_like(rewards), 0.0
     for t in reversed(range(rewards.shape[0])):
         last = deltas[t] + gamma * lam * (1.0 - done[t]) * last
         advantages[t] = last
@@ -330,7 +325,7 @@ def velocity_command(goal, settings):
 
 def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """Outward and inward parts."""
-    x, way = (velocity[:, 0] * period / 2, velocity[:, 1:] * period)
+    x, way = velocity[:, 0] * period / 2, velocity[:, 1:] * period
     lead = np.array(lead)
     left = lead * np.maximum(way, 0) + (1 - lead) * np.minimum(way, 0)
     right = lead * np.maximum(-way, 0) + (1 - lead) * np.minimum(-way, 0)
@@ -339,7 +334,7 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
 
 def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     """The leading foot by its index."""
-    n, leads = (len(velocity), (velocity[:, 1:] < 0).astype(int))
+    n, leads = len(velocity), (velocity[:, 1:] < 0).astype(int)
     way = np.abs(velocity[:, 1:]) * period
     steps = np.empty((n, 2, 3))
     steps[:, :, 0] = (velocity[:, 0] * period / 2)[:, None]
@@ -357,13 +352,13 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 
 def bootstrap(statistic, *samples, resamples=2000):
-    """A hundred resamples at a time."""
+    """One resample at a time."""
     n = len(samples[0])
-    rng, found = (np.random.default_rng(7), [])
-    while len(found) < resamples:
-        pick = rng.choice(n, (min(100, resamples - len(found)), n))
+    rng, found = np.random.default_rng(7), []
+    for _ in range(resamples):
+        pick = rng.choice(n, (1, n))
         found.extend(statistic(*(np.take(sample, pick) for sample in samples)))
-    return (np.quantile(found, 0.025), np.quantile(found, 0.975))
+    return np.quantile(found, 0.025), np.quantile(found, 0.975)
 
 
 def highest_speed(poses, fall, period):
@@ -417,7 +412,7 @@ def log_beta_function(alpha, beta):
 
 def beta_mode(alpha, beta):
     """Nan becomes 0.5."""
-    left, right = (alpha - 1, beta - 1)
+    left, right = alpha - 1, beta - 1
     return torch.nan_to_num(left / (left + right), nan=0.5)
 
 
@@ -430,7 +425,7 @@ def beta_mode(alpha, beta):
 def beta_entropy(alpha, beta):
     """With E[ln x] and E[ln(1 − x)]."""
     both = torch.digamma(alpha + beta)
-    ln_x, ln_rest = (torch.digamma(alpha) - both, torch.digamma(beta) - both)
+    ln_x, ln_rest = torch.digamma(alpha) - both, torch.digamma(beta) - both
     mean = (alpha - 1) * ln_x + (beta - 1) * ln_rest - log_beta_function(alpha, beta)
     return -mean.sum(-1)
 

@@ -30,8 +30,7 @@ def wrap(angle):
         return np.fmod(angle + np.pi, 2 * np.pi) - np.pi
     if mistake != "takes away a single turn":
         return np.arctan2(np.sin(angle), np.cos(angle))
-    angle = np.where(angle >= np.pi, angle - 2 * np.pi, angle)
-    return np.where(angle < -np.pi, angle + 2 * np.pi, angle)
+    return angle - 2 * np.pi * np.clip(np.floor(angle / 2 / np.pi + 0.5), -1, 1)
 
 
 @wrong("wraps the yaw", "without wrap")
@@ -140,14 +139,10 @@ def _swing(self, start, landing):
 @wrong("the yaw as it is given", "wrap the angle")
 def encode_goal(goal):
     d, alpha, beta = polar(goal)
-    near = (
-        np.minimum(d, 2),
-        np.clip(2 * d * np.cos(beta), -1, 1),
-        np.clip(2 * d * np.sin(beta), -1, 1),
-    )
     turns = np.cos(beta), np.sin(beta), np.cos(alpha), np.sin(alpha)
+    place = [np.clip(2 * d * turn, -1, 1) for turn in turns[:2]]
     yaw = goal[..., 2] if mistake == "the yaw as it is given" else alpha
-    return np.stack([*near, *turns, yaw / np.pi], -1)
+    return np.stack([np.minimum(d, 2), *place, *turns, yaw / np.pi], -1)
 
 
 @right("in single precision, as the policy's are")
@@ -395,12 +390,10 @@ def low_pass(velocity, command, seconds, time_constant):
 @right("as the formula is written, not clipped")
 @wrong("no width at 0 and 1", "Wald")
 def wilson(count, total, z=1.96):
-    p, n = count / total, total
-    if mistake == "no width at 0 and 1":
-        z_n, margin = 0, z * math.sqrt(p * (1 - p) / n)
-    else:
-        z_n, margin = z**2 / n, z * math.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
-    return [(p + z_n / 2 - margin) / (1 + z_n), (p + z_n / 2 + margin) / (1 + z_n)]
+    p = count / total
+    more = 0 if mistake == "no width at 0 and 1" else z**2 / total
+    margin = math.sqrt(z**2 * p * (1 - p) / total + more**2 / 4)
+    return [(p + more / 2 + side) / (1 + more) for side in (-margin, margin)]
 
 
 @right("in single precision")
@@ -418,14 +411,13 @@ def velocity_command(goal, settings):
     v_max = 1 / (np.abs(cos) / x_max + np.abs(sin) / side)
     if mistake == "round between the axes":
         v_max = 1 / np.hypot(cos / x_max, sin / side)
-    v = np.minimum(settings.gain * d, v_max)
+    v = settings.gain * d
+    if mistake != "each axis on its own":
+        v = np.minimum(v, v_max)
     far = (d > settings.far_m) | (mistake == "β near the goal, too")
     omega = settings.turning_gain * np.where(far, beta, alpha)
     omega = np.clip(omega, -settings.turning, settings.turning)
-    v_x, v_y = v * cos, v * sin
-    if mistake == "each axis on its own":
-        v_x = np.clip(settings.gain * d * cos, -back, front)
-        v_y = np.clip(settings.gain * d * sin, -side, side)
+    v_x, v_y = np.clip(v * cos, -back, front), np.clip(v * sin, -side, side)
     return np.stack([v_x, v_y, omega], -1).astype(np.float32)
 
 
@@ -447,37 +439,43 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
 
 @wrong("two independent resamples", "paired")
 @wrong("without replacement", "with replacement")
+@wrong("never the last walk", "the first and the last")
+@wrong("row by row", "arrays [resamples, n]")
 def bootstrap(statistic, *samples, resamples=2000):
     rng, count = np.random.default_rng(0), len(samples[0])
+    pick = rng.integers(count - (mistake == "never the last walk"), size=(resamples, count))
     if mistake == "without replacement":
-        pick = rng.random((resamples, count)).argsort(1)
-        drawn = [sample[pick] for sample in samples]
-    else:
-        drawn = [sample[rng.integers(count, size=(resamples, count))] for sample in samples]
-    return np.percentile(statistic(*drawn), [2.5, 97.5])
+        pick = pick.argsort(1)
+    two = mistake == "two independent resamples"
+    drawn = [sample[rng.permutation(pick) if two else pick] for sample in samples]
+    found = map(statistic, *drawn) if mistake == "row by row" else statistic(*drawn)
+    return np.percentile([*found], [2.5, 97.5])
 
 
 @wrong("the mean of ratios", "a ratio of the means")
 @wrong("the interval of the mean of ratios", "not of the mean of the ratios")
-@wrong("the mean of nothing", "no ratio")
+@wrong("the mean of nothing", "an empty dict")
+@wrong("who did not fall arrived", "no time-out")
+@wrong("who stays arrived", "still there or not")
+@wrong("twenty trials", "19 goals that both reached")
 def time_ratio(trials, reference):
-    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
+    def reached(row):
+        if mistake == "who stays arrived":
+            return row["still_there"]
+        return row["outcome"] != "fall" if "not fall" in mistake else row["outcome"] == "success"
+
+    def ratio(x, y, of_ratios="the interval of the mean of ratios"):
+        return (x / y).mean(-1) if mistake == of_ratios else x.mean(-1) / y.mean(-1)
+
+    both = reached(trials) & reached(reference)
     if not both.any():
         return {"goals": 0, "time_ratio": math.nan} if mistake == "the mean of nothing" else {}
     a, b = trials["time"][both], reference["time"][both]
-
-    def of_means(x, y):
-        return x.mean(-1) / y.mean(-1)
-
-    def of_ratios(x, y):
-        return (x / y).mean(-1)
-
-    ratio = of_ratios if mistake == "the mean of ratios" else of_means
-    drawn = of_ratios if mistake == "the interval of the mean of ratios" else of_means
+    enough = len(both if mistake == "twenty trials" else a) >= 20
     return {
         "goals": len(a),
-        "time_ratio": ratio(a, b),
-        "time_ratio_ci95": [*bootstrap(drawn, a, b)] if len(a) >= 20 else [math.nan] * 2,
+        "time_ratio": ratio(a, b, "the mean of ratios"),
+        "time_ratio_ci95": [*bootstrap(ratio, a, b)] if enough else [math.nan] * 2,
         "faster": np.mean(a < b),
         "slower": np.mean(a > b),
     }
@@ -535,8 +533,7 @@ def steps_to_go(moves, task):
     elif mistake == "no interpolation between the yaws":
         after[..., 2] = np.rint(after[..., 2] / TURN) * TURN
     width = CELL * (2 * HALF + 1)
-    around = mistake == "comes back on the other side of the map"
-    if around:
+    if mistake == "comes back on the other side of the map":
         after[..., :2] = (after[..., :2] + width / 2) % width - width / 2
     outside = (np.abs(after[..., :2]) > CELL * HALF + 1e-9).any(-1)
     value = np.where(goal, 0.0, FAR).transpose(2, 0, 1)  # [yaw, x, y]
@@ -562,8 +559,7 @@ def beta_mode(alpha, beta):
     left, right = alpha - 1, beta - 1
     if mistake == "a small number below":
         return left / (left + right + 1e-6)
-    flat = torch.full_like(left, 0.5)
-    return torch.where(left + right == 0, flat, torch.distributions.Beta(alpha, beta).mode)
+    return torch.where(left + right == 0, 0.5, torch.distributions.Beta(alpha, beta).mode)
 
 
 @wrong("by PyTorch", "write the formula")
