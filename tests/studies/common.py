@@ -150,6 +150,11 @@ HEADS = {
     "time_over_all": "time ÷ that with all",
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
+    "over_baseline": "time ÷ baseline",
+}
+KINDS = {  # of the columns that `beside` makes
+    "goal_std_m": {STD[False]: "near", STD[True]: "far"},
+    "in_a_row": {1: "one at the goal", 2: "two in a row"},
 }
 
 
@@ -186,9 +191,7 @@ def beside(rows, columns):
             continue
         value, name = key
         for row in rows:
-            kind = row[name]
-            if name == "goal_std_m":
-                kind = "far" if kind == STD[True] else "near"
+            kind = KINDS.get(name, {}).get(row[name], row[name])
             column = f"{HEADS.get(value, value)}, {kind}"
             wide[column] = digits
             line = lines[tuple(row[key] for key in same)]
