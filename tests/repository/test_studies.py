@@ -418,9 +418,9 @@ def test_learners_that_lack_a_part(monkeypatch):
     assert told[0]["terminated"].tolist() == [True, True, False], "nothing follows a cut-off"
 
 
-def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypatch):
-    """Two policies fall in the same 40 of 400 trials: as sure as one of them, not as both."""
-    falls = {"expert": np.zeros(400, bool), 0: np.arange(400) < 40, 1: np.arange(400) < 40}
+def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):
+    trial = np.arange(400)
+    falls = {"expert": trial < 10, 0: trial < 40, 1: (5 <= trial) & (trial < 15)}
 
     def walks(planner, *_):
         outcome = np.where(falls[planner], "fall", "success")
@@ -429,11 +429,10 @@ def test_the_walks_of_several_policies_in_one_trial_are_not_independent(monkeypa
     monkeypatch.setattr(common, "walks", walks)
     monkeypatch.setattr(common, "world", lambda *_, **settings: None)  # nobody walks there
     found = seeds.walked("pymunk", {0: 0, 1: 1}, 1, {"expert": "expert"})
-    for push in (0.0, 0.4):
-        (row,) = common.pick(found["more_falls"], push=push)
-        close(row["more_falls"], 0.1)
-        width = np.diff(row["more_falls_ci95"])
-        close(width, 2 * 1.96 * (0.1 * 0.9 / 400) ** 0.5, "± 1.96·√(p·(1 − p)/400)", rtol=0.1)
+    assert len(found["over"]) == 3, "near, far, and far with pushes"
+    for row in found["over"]:
+        alone = [(test["only_ours"], test["only_theirs"]) for test in row["falls"]]
+        assert alone == [(30, 0), (5, 5)] and row["falls"][1]["p"] == 1
 
 
 def test_an_interval_over_trainings_is_wider_than_one_over_goals():

@@ -28,7 +28,7 @@ def study_pushes(args):
     planners, rows = {"policy": common.shipped(args.sim), **common.opponents(args.sim)}, []
     for speed, (name, planner) in product(SPEEDS, planners.items()):
         world = common.world(args.sim, push=speed)
-        ended = common.walks(planner, world, far=True, first=seeds.POOLED_FIRST)
+        ended = common.walks(planner, world, far=True, first=seeds.FIRST)
         rows.append(common.row_of(ended, name, far=True, speed=speed))
     return rows
 
@@ -120,7 +120,7 @@ def study_worlds(args):
         world = common.world(args.sim, **settings)
         others = common.opponents(args.sim) if title in (TRAINED, SLOW) else {}
         for far, (name, planner) in product((False, True), (policy | others).items()):
-            ended = common.walks(planner, world, far, 1 + far, seeds.POOLED_FIRST)
+            ended = common.walks(planner, world, far, 1 + far, seeds.FIRST)
             rows.append(common.row_of(ended, name, far, world=title))
     return rows
 
@@ -147,7 +147,7 @@ def study_steps(args):
         for answer in ANSWERS if push else ("all", "reflex alone"):
             walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
             world = common.world(args.sim, walk=walk, push=push)
-            ended = common.walks(policy, world, far, sets, first=seeds.POOLED_FIRST)
+            ended = common.walks(policy, world, far, sets, first=seeds.FIRST)
             if answer == "all":
                 reference = ended
             row = {"push": push, "answer": answer}
