@@ -27,9 +27,9 @@ which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n ro
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
 measurements so far. A planner may use nothing but the view. `tests/studies/search.py` is a worked
 example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
-same noise (common random numbers). So no row has easier goals. `baseline` is the paper's controller,
-[10], but ours decides once per double step. `baseline_tuned` has settings optimised for this world.
-It also divides sidesteps and turns between both feet, turns in proportion to the feet's limits.
+same noise (common random numbers). So no row has easier goals. `baseline` is the team's controller,
+[10], with which the paper compares, but ours decides once per double step. `baseline_tuned` has
+settings optimised for this world. It also divides sidesteps and turns between both feet, turns in proportion to the feet's limits.
 
 How sure are we? The true rate p is the rate in infinitely many walks, or trials. In n walks we
 count the rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1
@@ -405,8 +405,9 @@ def summary(planner, noise, std, trials):
 
 
 NOTE = """\
-The paper tells neither its σ nor its noise, and one double step at the goal suffices there. Our σ
-of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves nothing.
+The paper tells neither its σ nor its noise. It seems that there one double step at the goal suffices.
+Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves
+nothing.
 """
 HEAD = """
 Goals: {}; noise: {}

@@ -40,7 +40,7 @@ EXPERT = ["top_x", "top_y", "top_turn", "change_x", "change_y", "change_turn", "
 
 
 def tuned_of(settings):
-    """The paper's controller with these settings, but both feet share its steps."""
+    """The team's controller with these settings, but both feet share its steps."""
     return evaluate.BaselinePlanner(evaluate.BaselineSettings(*settings, share=True))
 
 

@@ -440,8 +440,8 @@ WHAT = {  # README's planners, and what they are
     "policy": "the network",
     "expert": "brakes late, turns while it walks; tuned",
     "search": "plans the fewest double steps, ignores balance",
-    "baseline_tuned": "the paper's controller, tuned for this robot",
-    "baseline": "the same, with the settings of the robot's team",
+    "baseline_tuned": "the team's controller, tuned for this robot",
+    "baseline": "the same, with the team's settings",
 }
 
 
@@ -459,7 +459,7 @@ def planners_table(rows):
                 f"falls of {near['episodes'] + far['episodes']:,}": round(
                     near["fall"] * near["episodes"] + far["fall"] * far["episodes"]
                 ),
-                "still there, far": far["still_there"],
+                "still there": f"{near['still_there']:.2f}, {far['still_there']:.2f}",
             }
         )
     return table(lines, dict.fromkeys(lines[0], 2))
