@@ -53,7 +53,9 @@ class NoCritic(ppo.ActorCritic):
 
 AS_MODEL = env.Spread(**dict.fromkeys(vars(env.Spread()), 0.0))  # no robot differs from the model
 WALK = walk_engine.TUNED["mujoco"]
-PAPER = {  # as far as its text tells; with our robot, walk and scalars of the reward
+# As far as the paper's text tells. Ours are robot and walk, the scalars of the reward and the price
+# of a fall, one last action instead of two, noise and far goals in training, and how long it takes.
+PAPER = {
     "model": ShapeActor,
     "task": env.Task(in_a_row=1, s_goal=0.0, s_time=0.0, s_stay=0.0),
     "drift": (1e3, 1e3, 1e3),  # so only the last measurement counts

@@ -4,7 +4,7 @@
 
 distances: the policy and its two best opponents, 0 to 6 m from the goal.
 pooled: the same three planners on evaluation seeds 210 to 219. They were used once, after everything had
-been chosen; a new training should take 220 to 229.
+been chosen; a new training should take those from 230 on.
 seeds: all trainings and their opponents, on evaluation seed 210. Both parts also push the robot on
 its way to far goals. The trainings must be there, made by
 `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. baseline.py chooses the
