@@ -405,7 +405,7 @@ def summary(planner, noise, std, trials):
 
 
 NOTE = """\
-The paper tells neither its σ nor its noise. It seems that there one double step at the goal suffices.
+The paper tells neither its σ nor its noise; there, it seems, one double step at the goal suffices.
 Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves
 nothing.
 """

@@ -140,8 +140,11 @@ def saved(sim, std, other="baseline_tuned"):
 
 
 def least_and_most_saved():
+    """How many trainings there are, and how much less time they take than either opponent [%]."""
     names = "baseline_tuned", "expert"
-    return ends([saved("mujoco", std, other)[0] for std in STD.values() for other in names])
+    slower = [row["slower"] for row in rows("seeds", "pairs")]
+    assert 0.28 < min(slower) <= max(slower) < 0.38, "a sentence says: a third of the goals"
+    return ends([of_all(other, std)[0] for std in STD.values() for other in names])
 
 
 def opponents():
@@ -226,9 +229,10 @@ def plan():
     return [2, exact["plan"], exact["time_mean"], noisy]
 
 
-def of_all(other, std):
-    """How much less time all trainings together take than another planner, and its interval [%]."""
-    over = study("seeds")["seeds"]["over"]
+def of_all(other, std, part="seeds"):
+    """How much less time the policies of a part take together than another planner, and its interval
+    [%]."""
+    over = study("seeds")[part]["over"]
     (row,) = pick(over, other=other, goal_std_m=std, push=0.0)
     low, high = row["ratio_ci95"]
     return percent(1 - row["ratio"], 1 - high, 1 - low)
@@ -244,12 +248,22 @@ def trained():
     return [len(ratios), PER_SET, less, more, tuned[0], PER_SET, tuned[1]]
 
 
-def falls_of_all(push):
-    """Of the policies of all trainings, and of their opponents; the interval of the difference [%]."""
-    (more,) = pick(study("seeds")["seeds"]["more_falls"], push=push, other="expert")
+def falls_of_all(part, push):
+    """Of the policies of a part, and of their opponents."""
     names = "policy", "expert", "baseline_tuned"
-    walked = [fallen("seeds", "seeds", planner=name, push=push) for name in names]
-    return [walked, percent(*more["more_falls_ci95"])]
+    return [fallen("seeds", part, planner=name, push=push) for name in names]
+
+
+def pooled():
+    """In how many walks, then how much less time than the opponents; far and near."""
+    names = "baseline_tuned", "expert"
+    saved = [of_all(name, std, "pooled") for std in (FAR, NEAR) for name in names]
+    return [study("seeds")["pooled"]["goals"], *saved]
+
+
+def pooled_falls():
+    calm, shaken = (falls_of_all("pooled", push) for push in (0.0, 0.4))
+    return [calm[0][::-1], [falls for falls, _ in calm[1:]], 0.4, *shaken]
 
 
 def error_over_claimed(number):
@@ -392,8 +406,10 @@ NUMBERS = {
     "seeds: plan": plan,
     "seeds: trainings": trained,
     "seeds: trainings, expert": lambda: [of_all("expert", std) for std in (FAR, NEAR)],
-    "seeds: falls": lambda: [trained()[0], *falls_of_all(0.0)],
-    "seeds: falls, pushed": lambda: [0.4, *falls_of_all(0.4)],
+    "seeds: falls": lambda: [trained()[0], *falls_of_all("seeds", 0.0)],
+    "seeds: falls, pushed": lambda: [0.4, *falls_of_all("seeds", 0.4)],
+    "seeds: pooled": pooled,
+    "seeds: pooled falls": pooled_falls,
     "seeds: estimate": lambda: [error_over_claimed(0), error_over_claimed(1)],
     "kicks: README": lambda: [pushed()[:2], *pushed()[2][::2], hard()[0], hard()[2:]],
     "kicks: camera": lambda: slow()[0][::2],
