@@ -147,14 +147,6 @@ def least_and_most_saved():
     return ends([of_all(other, std)[0] for std in STD.values() for other in names])
 
 
-def opponents():
-    """What the policy saves to far and near goals; how often the tuned baseline falls, far."""
-    wanted = {"planner": "baseline_tuned", "goal_std_m": FAR}
-    fall, walks = (evaluated("mujoco", key, **wanted)[0] for key in ("fall", "episodes"))
-    expert = [saved("mujoco", std, "expert")[0] for std in (FAR, NEAR)]
-    return [saved("mujoco", FAR), fall * walks, walks, saved("mujoco", NEAR), expert]
-
-
 def mass():
     robot = robot_model.RobotModel()
     leg = robot.hip, robot.thigh, robot.shin, robot.foot
@@ -255,15 +247,34 @@ def falls_of_all(part, push):
 
 
 def pooled():
-    """In how many walks, then how much less time than the opponents; far and near."""
-    names = "baseline_tuned", "expert"
-    saved = [of_all(name, std, "pooled") for std in (FAR, NEAR) for name in names]
-    return [study("seeds")["pooled"]["goals"], *saved]
+    """To how many goals, then how much less time than the opponents; far, then near."""
+    found, names = [], ("baseline_tuned", "expert")
+    for std in (FAR, NEAR):
+        found.append([study("seeds")["pooled"]["goals"]])
+        found += [of_all(name, std, "pooled") for name in names]
+    return found
 
 
 def pooled_falls():
-    calm, shaken = (falls_of_all("pooled", push) for push in (0.0, 0.4))
-    return [calm[0][::-1], [falls for falls, _ in calm[1:]], 0.4, *shaken]
+    """In all walks; then with pushes, of how many, and p of the policy and `expert`."""
+    ((own, walks), (expert, _), (tuned, _)) = falls_of_all("pooled", 0.0)
+    assert own == expert
+    (policy, count), *others = falls_of_all("pooled", 0.4)
+    (test,) = pick(study("seeds")["pooled"]["over"], push=0.4, other="expert")
+    others = [falls for falls, _ in others]
+    return [walks, own, tuned, 0.4, policy, count, *others, test["falls"][0]["p"]]
+
+
+def pooled_for_readme():
+    far, tuned, expert, near, *less = pooled()
+    walks, never, fell, *_ = pooled_falls()
+    assert not never, "the sentence says never"
+    return [*far, tuned[0], expert[0], *near, [saved[0] for saved in less], walks, fell]
+
+
+def pushed_for_readme():
+    _, _, _, push, policy, count, expert, tuned, _ = pooled_falls()
+    return [push, EVERY, policy, count, tuned, expert, pushed()[2][-1]]
 
 
 def error_over_claimed(number):
@@ -309,6 +320,43 @@ def pendulum():
     found = rows("ladder", "pendulum", "pymunk")
     *others, last = (ends(ladder.last_returns(found, name)) for name in ladder.PENDULUM)
     return [60_000, others, 0, last]  # λ = 0
+
+
+def rungs(key, planner="policy", in_a_row=2, noise=True):
+    """Of these planners, all whose names begin so, on every rung: a list for each."""
+    found = []
+    for rung in ladder.RUNGS:
+        walked = rows("ladder", "rungs", rung=rung, noise=noise, in_a_row=in_a_row)
+        found.append([row[key] for row in walked if row["planner"].startswith(planner)])
+    return found
+
+
+def first_rung():
+    """By the paper's rule of a success: times, ÷ `baseline`'s, there, falls, of how many, there."""
+    own, walks = rungs("time_mean", in_a_row=1)[0], common.PER_SET
+    slow, falls = (rungs(key, "baseline", 1)[0][0] for key in ("time_mean", "falls"))
+    assert falls == 0, "a sentence says so"
+    shares = percent(np.mean(own) / slow, 6.35 / 11.43)  # Table II, with noise
+    fell = sum(rungs("falls", in_a_row=1)[0])
+    return [len(own), ends(own), shares, fell, len(own) * walks, 0, walks, 11, 6, walks]
+
+
+def tuned_there(key):
+    return rungs(key, "baseline_tuned", 1)[0][0]
+
+
+def what_is_reproduced():
+    slow, _ = rungs("time_mean", "baseline", 1)[0]
+    return [*first_rung()[2], 100 * tuned_there("time_mean") / slow]
+
+
+def up_the_ladder():
+    """By our rule: times before the walk answers, then; on the last rung; falls there."""
+    times, falls = (rungs(key) for key in ("time_mean", "falls"))
+    answers = [*ladder.RUNGS].index("answers to a lean")
+    before = ends(sum(times[:answers], []))
+    walks = len(times[-1]) * common.PER_SET
+    return [before, times[answers], ends(times[-1]), sum(falls[-1]), walks]
 
 
 def speed():
@@ -373,8 +421,7 @@ NUMBERS = {
         evaluated("pymunk", "time_mean", planner=name, goal_std_m=NEAR)
         for name in ("policy", "baseline_tuned", "baseline")
     ],
-    "evaluation: headline": least_and_most_saved,
-    "evaluation: opponents": opponents,
+    "seeds: headline": least_and_most_saved,
     "by hand: feet": lambda: [82, 100, 100, 6.5, 2.9],  # README has the commands
     "by hand: pushes": lambda: [100, 22, 12, 23, 10],
     "robot: mass": lambda: [mass(), 7.5],
@@ -409,9 +456,10 @@ NUMBERS = {
     "seeds: falls": lambda: [trained()[0], *falls_of_all("seeds", 0.0)],
     "seeds: falls, pushed": lambda: [0.4, *falls_of_all("seeds", 0.4)],
     "seeds: pooled": pooled,
+    "seeds: README": pooled_for_readme,
     "seeds: pooled falls": pooled_falls,
     "seeds: estimate": lambda: [error_over_claimed(0), error_over_claimed(1)],
-    "kicks: README": lambda: [pushed()[:2], *pushed()[2][::2], hard()[0], hard()[2:]],
+    "kicks: README": pushed_for_readme,
     "kicks: camera": lambda: slow()[0][::2],
     "kicks: pushed": pushed,
     "kicks: blocks": lambda: [
@@ -433,6 +481,14 @@ NUMBERS = {
     "kicks: zeros": lambda: column(
         "time_mean", "kicks", "worlds", world=[*kicks.WORLDS][-1], goal_std_m=FAR
     ),
+    "ladder: first rung": first_rung,
+    "ladder: tuned there": lambda: [
+        tuned_there("time_mean"),
+        tuned_there("falls"),
+        common.PER_SET,
+    ],
+    "ladder: answers": up_the_ladder,
+    "ladder: README": what_is_reproduced,
     "ladder: critic": lambda: [0, without("critic (V = 0)")],
     "ladder: clipping": lambda: without("clipping (ε = ∞)"),
     "ladder: λ": lambda: [1, without("λ below 1 (λ = 1)")],
