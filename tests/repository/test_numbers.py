@@ -454,7 +454,6 @@ NUMBERS = {
     "seeds: trainings": trained,
     "seeds: trainings, expert": lambda: [of_all("expert", std) for std in (FAR, NEAR)],
     "seeds: falls": lambda: [trained()[0], *falls_of_all("seeds", 0.0)],
-    "seeds: falls, pushed": lambda: [0.4, *falls_of_all("seeds", 0.4)],
     "seeds: pooled": pooled,
     "seeds: README": pooled_for_readme,
     "seeds: pooled falls": pooled_falls,

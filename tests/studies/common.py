@@ -150,12 +150,8 @@ HEADS = {
     "time_over_all": "time ÷ that with all",
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
-    "over_baseline": "time ÷ baseline",
 }
-KINDS = {  # of the columns that `beside` makes
-    "goal_std_m": {STD[False]: "near", STD[True]: "far"},
-    "in_a_row": {1: "one at the goal", 2: "two in a row"},
-}
+KINDS = {"goal_std_m": {STD[False]: "near", STD[True]: "far"}}  # of the columns that `beside` makes
 
 
 def markdown(head, rows):
