@@ -221,7 +221,8 @@ FLAGS = {
 PARTS = {"zeros": study_zeros, "op3": study_op3, "bullet": study_bullet, "urdf": study_urdf}
 
 
-SHOWN = {"case": 0, "push": 1, "planner": 0, "episodes": 0, "success": 3, **seeds.END}
+SHOWN = {"case": 0, "push": 1, "planner": 0, "success": 3, "falls": 0, "time_mean": 2}
+SHOWN |= {f"over_{name}": 3 for name in ("baseline_tuned", "expert")}
 COLUMNS = dict.fromkeys(PARTS, SHOWN)
 
 
