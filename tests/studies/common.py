@@ -188,6 +188,7 @@ def beside(rows, columns):
         value, name = key
         for row in rows:
             kind = KINDS.get(name, {}).get(row[name], row[name])
+            kind = kind if isinstance(kind, str) else f"{name} {kind}"
             column = f"{HEADS.get(value, value)}, {kind}"
             wide[column] = digits
             line = lines[tuple(row[key] for key in same)]

@@ -206,8 +206,11 @@ PARTS = {"": study}
 
 def table(found):
     """Markdown of all that were tried."""
-    columns = {"factor": 2, "change": 2, "fall": 4, "timeout": 4, "time": 2, "still_there": 3}
-    return common.table(found["rows"], columns | {"chosen": 0})
+    columns = {"time": 2, "fall": 4, "timeout": 4}
+    columns = {"factor": 2} | {(key, "change"): digits for key, digits in columns.items()}
+    (chosen,) = common.pick(found["rows"], chosen=True)
+    text = f"\nChosen: factor {chosen['factor']}, change {chosen['change']}.\n"
+    return common.table(*common.beside(found["rows"], columns)) + text
 
 
 if __name__ == "__main__":
