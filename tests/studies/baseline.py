@@ -180,15 +180,7 @@ SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the 
 
 def table(found):
     """The finalists beside the paper's settings, and the trainings."""
-    facts = {
-        "fall": 4,
-        "pushed": 3,
-        "timeout": 4,
-        "time": 2,
-        "still_near": 3,
-        "still_far": 3,
-        "chosen": 0,
-    }
+    facts = {"fall": 4, "pushed": 3, "time": 2, "still_near": 3, "still_far": 3, "chosen": 0}
     text = ""
     for part in ("baseline_tuned", "expert"):
         if part in found:
