@@ -140,11 +140,10 @@ def saved(sim, std, other="baseline_tuned"):
 
 
 def least_and_most_saved():
-    """How many trainings there are, and how much less time they take than either opponent [%]."""
+    """How much less time all trainings take than either opponent, and to how many goals more [%]."""
     names = "baseline_tuned", "expert"
-    slower = [row["slower"] for row in rows("seeds", "pairs")]
-    assert 0.28 < min(slower) <= max(slower) < 0.38, "a sentence says: a third of the goals"
-    return ends([of_all(other, std)[0] for std in STD.values() for other in names])
+    saved = ends([of_all(other, std)[0] for std in STD.values() for other in names])
+    return [*saved, percent(*ends(column("slower", "seeds", "pairs")))]
 
 
 def mass():
@@ -355,8 +354,9 @@ def up_the_ladder():
     times, falls = (rungs(key) for key in ("time_mean", "falls"))
     answers = [*ladder.RUNGS].index("answers to a lean")
     before = ends(sum(times[:answers], []))
-    walks = len(times[-1]) * common.PER_SET
-    return [before, times[answers], ends(times[-1]), sum(falls[-1]), walks]
+    count = len(times[-1])
+    last = [count, *ends(times[-1]), sum(falls[-1]), count * common.PER_SET]
+    return [before, times[answers], last]
 
 
 def speed():
