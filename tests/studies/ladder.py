@@ -226,7 +226,7 @@ def table(found):
             lines.append(line)
         columns = {"learner": 0, "return": 1, "worst": 1, "best": 1}
         text += f"### pendulum\n\n{common.table(lines, columns)}\n"
-    columns = {"goal_std_m": 1, "success": 4, "fall": 4, "still_there": 3, "time_mean": 2}
+    columns = {"goal_std_m": 1, "success": 4, "falls": 0, "time_mean": 2}
     columns = {
         "without": {"without": 0} | columns | {"time_over_all": 3, "per_seed": 0},
         "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 0},
