@@ -29,7 +29,8 @@ measurements so far. A planner may use nothing but the view. `tests/studies/sear
 example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
 same noise (common random numbers). So no row has easier goals. `baseline` is the team's controller,
 [10], with which the paper compares, but ours decides once per double step. `baseline_tuned` has
-settings optimised for this world. It also divides sidesteps and turns between both feet, turns in proportion to the feet's limits.
+settings optimised for this world. It also divides sidesteps and turns between both feet, turns in
+proportion to the feet's limits.
 
 How sure are we? The true rate p is the rate in infinitely many walks, or trials. In n walks we
 count the rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1

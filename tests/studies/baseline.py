@@ -201,9 +201,9 @@ def plot(found, sim):
         axis.set_title(f"search for {part}")
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
     for axis, (key, title), most in zip(axes, titles.items(), (MAX_FALLS, MAX_PUSHED)):
-        axis.axvline(100 * most, color="0.5", ls="--")
+        axis.axvline(100 * most, color="0.5", ls="--", zorder=0)
         middle = {"transform": axis.get_xaxis_transform(), "va": "center", "ha": "right"}
-        axis.text(100 * most, 0.5, "the rule allows so many", rotation=90, **middle)
+        axis.text(98 * most, 0.5, "the rule allows so many", rotation=90, **middle)
         for part, marker in SHOWN.items():
             if part in found:
                 rows = found[part].get("finalists") or found[part]["rows"]
@@ -215,7 +215,8 @@ def plot(found, sim):
                     )
                 (best,) = pick(rows, chosen=True)
                 axis.plot(100 * best[key], best["time"], "ko", ms=17, fillstyle="none")
-                axis.text(100 * best[key], best["time"], f"    {part}", color=color, va="center")
+                place = {"va": "center", "zorder": 1, "bbox": {"fc": "w", "ec": "none", "pad": 0}}
+                axis.text(100 * best[key], best["time"], f"    {part}", color=color, **place)
         axis.set(xlabel=f"falls: {title}")
     axes[0].set_ylabel("mean time, near and far [s]")
     return figure

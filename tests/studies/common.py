@@ -35,24 +35,26 @@ NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 BEFORE = {"pymunk": ["baseline"], "mujoco": []}  # not made with the stages as they are
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
-    "mark keeps the rule, a hollow one breaks it, for not being *still there*; a circle: chosen. "
-    "Whoever is quicker with as few falls is farther down. Below: the searches for both planners.",
-    "kicks": "Far walks with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
+    "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. A "
+    "circle: chosen. Whoever is quicker with as few falls is farther down. Below: the searches for both planners.",
+    "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
-    "and its 95 % interval. See which curve stays below the green one.",
-    "peers": "One training with each learner, the same settings and number of double steps.",
+    "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
+    "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, and "
+    "where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
     "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
     "steps at once, with which the robot falls.",
     "seeds.pairs": "A point is a goal, reached by both planners in the same world; it is moved by up "
-    "to 0.2 s, so that none hides another. Below the line the policy is quicker. See how far the "
+    "to 0.2 s, so that none hides another. Below the line the policy is quicker; to the goals that the "
+    "titles leave out both need the same time. See how far the "
     "points spread: the planner that is quicker on average is not quicker everywhere.",
-    "walk": "Each cell: some robots take eight double steps; the darker, the more of them fall. Green: "
-    "the step limits. They were chosen so that the cells inside are nearly white. (The yaw is drawn to "
+    "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
+    "the step limits. They were chosen so that most cells inside are white; in the corners some robots fall. (The yaw is drawn to "
     "the smaller of its two limits, since both feet turn alike.)",
     "walk.tune": "Each point: the mean of the 12 candidates of a generation, in worlds of its own. "
-    "Look at how much chance is in one generation, and whether a search still falls at its end.",
+    "Look at how much chance is in one generation, and whether a curve still goes down at its end.",
 }
 CANDIDATES = 12  # in a generation of a search
 PER_SET = 500  # robots of a world, so goals in a set
@@ -383,7 +385,7 @@ def draw_search(axes, curve):
         steps = np.array(values(own, "steps")) / 1000
         axes.plot(steps, values(own, "mean"), ".-", label=f"search {restart + 1}")
     axes.set(xlabel="double steps [thousands]", ylabel="points, mean of a generation [s]")
-    axes.legend(loc="upper right")
+    axes.legend()  # where there is room
 
 
 class Crowd:

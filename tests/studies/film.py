@@ -51,7 +51,7 @@ def double_step(sim):
         words = [[(back + ahead) / 2, 0.8 * outward, 0]]
         seen = robot_model.compose(usual, (corners + words) * walk_engine.MIRROR[side])[:, :2]
         axes.fill(*seen[:4].T, fc="0.93", ec="0.6", ls="--", zorder=0)
-        axes.text(*seen[4], "here the\nankle may land", color="0.4", ha="center", va="center")
+        axes.text(*seen[4], "ankle may\nland here", color="0.4", ha="center", va="center")
         draw_sole(axes, feet[side], side, fc="none", ls=":")
         draw_sole(axes, landing, side, fc=color, alpha=0.4)
         draw_sole(axes, support, 1 - side, fc=other, alpha=0.8)
@@ -104,9 +104,9 @@ def walks(sim):
     axes.plot(*commanded[:, 1:, :2].reshape(-1, 2).T, "k+")
     for name, (x, y, _) in zip(walk_engine.WALKS, poses.swapaxes(1, 2)):
         (line,) = axes.plot(x, y, ".-")
-        axes.text(x[-1], y[-1] + 0.04, name, color=line.get_color(), ha="center")
+        axes.text(x[-1], y[-1] + 0.06, name, color=line.get_color(), ha="center")
     axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.margins(0.12)  # the names need it
+    axes.margins(0.16)  # the names need it
     return figure
 
 
@@ -176,7 +176,11 @@ def training(panels, sim):
 
 def save(figure, pictures, path):
     """Films what the figure shows after each of the pictures, for 0.08 s (eight ticks)."""
-    frames = [robot_model.pixels(figure) for _ in tqdm(pictures, unit=" pictures", leave=False)]
+    frames = []
+    for _ in tqdm(pictures, unit=" pictures", leave=False):
+        if not frames:
+            robot_model.pixels(figure)  # makes the room that the titles need
+        frames.append(robot_model.pixels(figure))
     # All frames share 128 colours: so what stands still is stored once.
     colors = Image.fromarray(np.concatenate(frames[::4])).quantize(128, Image.Quantize.FASTOCTREE)
     first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]

@@ -179,7 +179,7 @@ def plot(found, sim):
             axes.barh(height, 100 * row["fall"], color="tab:red", alpha=0.6)
             axes.plot(ends, [height, height], "k", lw=2)
             axes.text(ends[1] + 2, height, f"{row['falls']:,} of {row['episodes']:,}", va="center")
-        axes.set(title=f"pushed by {push} m/s", xlabel="falls [% of the walks]", xlim=(0, 100))
+        axes.set(title=f"pushed by {push} m/s", xlabel="falls [% of the walks]", xlim=(0, 115))
     panels[0].set_yticks(range(len(ANSWERS)), reversed(ANSWERS))
     return figure
 

@@ -21,6 +21,7 @@ try:
 except ImportError:  # said when a training starts
     PPO, VecEnv, BaseCallback = None, object, object
 
+TICKS = 4, 6, 10, 20, 40, 100  # [s]
 DURATION = "15 minutes on one core; 3-D: 30 minutes"
 CFG = ppo.PPOConfig()
 
@@ -155,6 +156,8 @@ def plot(found, sim):
             panel.plot(steps / 1000, values, color=color, label=label)
         panel.set(xlabel="double steps [thousands]")
     panels[0].set(ylabel="time to the goal [s]", yscale="log")
+    panels[0].set_yticks(TICKS, TICKS)
+    panels[0].minorticks_off()
     panels[1].set(ylabel="share of walks that arrive [1]")
     panels[1].legend(loc="lower right")
     figure.suptitle(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
