@@ -198,6 +198,7 @@ def plot(found, sim):
     for axis, part in zip(below, ("baseline_tuned", "expert")):
         if part in found:
             common.draw_search(axis, found[part]["curve"])
+            axis.legend(loc="upper left")
         axis.set_title(f"search for {part}")
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
     for axis, (key, title), most in zip(axes, titles.items(), (MAX_FALLS, MAX_PUSHED)):

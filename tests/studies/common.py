@@ -385,7 +385,6 @@ def draw_search(axes, curve):
         steps = np.array(values(own, "steps")) / 1000
         axes.plot(steps, values(own, "mean"), ".-", label=f"search {restart + 1}")
     axes.set(xlabel="double steps [thousands]", ylabel="points, mean of a generation [s]")
-    axes.legend()  # where there is room
 
 
 class Crowd:

@@ -360,6 +360,7 @@ def plot_tune(curve):
     """What the searches for the walk find."""
     figure, axes = common.subplots(figsize=(8, 4))
     common.draw_search(axes, curve)
+    axes.legend(loc="upper right")
     axes.set_title("The walk is searched for: points of baseline_tuned, half of its walks pushed")
     return figure
 
