@@ -34,7 +34,7 @@ class Settings:
 
 
 TUNED = {  # by `python tests/studies/baseline.py --only expert`, 2026-11-28
-    "pymunk": Settings((0.8025, 0.5049, 0.7976), (0.8658, 0.7436, 0.7063), 1.5262, 0.8886),
+    "pymunk": Settings((0.6328, 1.9471, 1.1503), (2.2824, 1.5404, 0.3925), 2.5082, 1.0099),
     "mujoco": Settings((0.6519, 0.7948, 1.07), (0.9402, 0.8674, 0.4784), 1.8692, 0.797),
 }
 

@@ -211,11 +211,11 @@ def plot(found, sim):
                 color = common.COLORS[part]
                 for row in rows:  # hollow: it breaks the rule
                     fill = "full" if keeps(row) else "none"
-                    axis.plot(
-                        100 * row[key], row["time"], marker, color=color, fillstyle=fill, ms=9
-                    )
+                    look = {"color": color, "fillstyle": fill, "ms": 9}
+                    axis.plot(100 * row[key], row["time"], marker, **look)
                 (best,) = pick(rows, chosen=True)
-                axis.plot(100 * best[key], best["time"], "ko", ms=17, fillstyle="none")
+                edge = {"color": color, "mec": "k", "mew": 2, "ms": 10}
+                axis.plot(100 * best[key], best["time"], marker, **edge)
                 place = {"va": "center", "zorder": 1, "bbox": {"fc": "w", "ec": "none", "pad": 0}}
                 axis.text(100 * best[key], best["time"], f"    {part}", color=color, **place)
         axis.set(xlabel=f"falls: {title}")

@@ -36,7 +36,8 @@ BEFORE = {"pymunk": ["baseline"], "mujoco": []}  # not made with the stages as t
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
     "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. A "
-    "circle: chosen. Whoever is quicker with as few falls is farther down. Below: the searches for both planners.",
+    "black edge: chosen. Whoever is quicker with as few falls is farther down. Below: the searches "
+    "for both planners.",
     "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "

@@ -238,7 +238,10 @@ def plot(found, sim):
     """What each learner's return does on Pendulum."""
     figure, axes = common.subplots(figsize=(8, 4.5))
     pendulum.draw_learners(axes, found["pendulum"]["rows"])
-    axes.legend(loc="upper left")
+    for line in axes.lines:
+        x, y = line.get_data()
+        axes.text(1.01 * x[-1], y[-1], line.get_label(), color=line.get_color(), va="center")
+    axes.set_xlim(0, 1.4 * x[-1])
     axes.set_title("PPO swings up a pendulum: mean of five seeds, 95 % intervals")
     return figure
 
