@@ -193,12 +193,13 @@ def at(distance, name):
 def distances():
     """Near by and far away, the policy and both opponents."""
     names = "policy", "baseline_tuned", "expert"
-    near = [at(2.0, name) for name in names]
+    close, near = ([d, *(at(d, name) for name in names)] for d in (0.25, 2.0))
     until = [d for d in seeds.DISTANCES if at(d, names[0]) <= at(d, names[1]) + 0.02][-1]
     later = [d for d in seeds.DISTANCES if d > until]
     assert all(at(d, "policy") <= at(d, "expert") + 0.02 for d in seeds.DISTANCES)
+    assert all(at(d, names[1]) < min(at(d, names[0]), at(d, names[2])) for d in later)
     slower = at(later[-1], names[0]) - at(later[-1], names[1])
-    return [until, 2, near, later[0], later[-1], slower]
+    return [until, close, near, later[0], later[-1], slower]
 
 
 def far_falls(name):
