@@ -53,18 +53,6 @@ def test_pages_have_the_tables_of_the_files():
         )
 
 
-def test_pages_name_the_studies_of_the_robot_before():
-    every = {name for studies in common.BEFORE.values() for name in studies}
-    assert every <= {*common.STUDIES}, "common.BEFORE names a study that is not there"
-    named = {"README.md": every & {"kicks"}, "results/STUDIES.md": every}
-    named |= {f"results/{sim}/README.md": studies for sim, studies in common.BEFORE.items()}
-    for page, studies in named.items():
-        told = r"\*(?:In 2-D t|T)he numbers of (.*?) are of the robot before its last change, and of its policy"
-        found = re.findall(told, " ".join(TEXTS[page].split()))
-        wanted = ", ".join(sorted(studies))
-        assert found == [wanted] * bool(wanted), f"{page} must name those of common.BEFORE"
-
-
 @pytest.mark.parametrize("page", LONGEST)
 def test_pages_are_short_and_their_links_work(page):
     text = TEXTS[page]
@@ -161,10 +149,7 @@ def test_every_shipped_policy_fits_and_its_page_is_right(path, capsys):
 @pytest.mark.parametrize("part", ["baseline_tuned", "expert"])
 def test_the_opponents_were_tuned_in_this_world_with_the_policy_s_budget(sim, part, monkeypatch):
     """The study says by which rule; test_studies has the rule."""
-    found = shipped(sim, "studies/baseline.json")
-    if part not in found and "baseline" in common.BEFORE[sim]:
-        pytest.skip("common.BEFORE: the search has chosen for the robot before")
-    found = found[part]
+    found = shipped(sim, "studies/baseline.json")[part]
     world = common.ppo.fingerprint(common.world(sim, num_robots=1))
     assert found["fits"] == world, "the world has changed: search for its opponents again, too"
     (chosen,) = common.pick(found["finalists"], chosen=True)

@@ -32,7 +32,6 @@ evaluate = import_module("05_evaluate")
 
 COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
-BEFORE = {"pymunk": ["baseline"], "mujoco": []}  # not made with the stages as they are
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
     "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. A "
