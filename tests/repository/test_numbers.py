@@ -269,7 +269,7 @@ def pooled_for_readme():
     far, tuned, expert, near, *less = pooled()
     walks, never, fell, *_ = pooled_falls()
     assert not never, "the sentence says never"
-    return [*far, tuned, expert, *near, less, walks, fell]
+    return [*far, tuned, expert, *near, less, 95, walks, fell]
 
 
 def pushed_for_readme():

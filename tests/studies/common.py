@@ -47,12 +47,11 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
     "steps at once, with which the robot falls.",
     "seeds.pairs": "A point is a goal, reached by both planners in the same world; it is moved by up "
-    "to 0.2 s, so that none hides another. Below the line the policy is quicker; to the goals that the "
-    "titles leave out both need the same time. See how far the "
-    "points spread: the planner that is quicker on average is not quicker everywhere.",
+    "to 0.2 s, so that none hides another. Below the line the policy is quicker. See how far the points "
+    "spread: the planner that is quicker on average is not quicker everywhere.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
-    "the step limits. They were chosen so that most cells inside are white; in the corners some robots fall. (The yaw is drawn to "
-    "the smaller of its two limits, since both feet turn alike.)",
+    "the step limits. They were chosen so that most cells inside are white; in the corners some robots "
+    "fall. (The yaw is drawn to the smaller of its two limits, since both feet turn alike.)",
     "walk.tune": "Each point: the mean of the 12 candidates of a generation, in worlds of its own. "
     "Look at how much chance is in one generation, and whether a curve still goes down at its end.",
 }

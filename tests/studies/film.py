@@ -37,7 +37,8 @@ def draw_sole(axes, pose, side, **look):
 
 
 def double_step(sim):
-    """Both footsteps of a double step, from above: each is told along the axes of the other foot."""
+    """Both footsteps of a double step, from above: each is told from its usual place, along the
+    axes of the other foot."""
     engine, limits = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]), env.LIMITS[sim]
     figure, panels = common.subplots(1, 2, figsize=(9, 5), sharex=True, sharey=True)
     feet = [*engine.foot_poses[0]]  # where they stand: left, right
@@ -63,7 +64,7 @@ def double_step(sim):
         axes.annotate("", landing[:2], feet[side][:2], arrowprops=arrow)
         axes.plot(*usual[:2], "k+", ms=10)
         x, y, yaw = FOOTSTEPS[0, side]
-        title = f"the {name} foot swings to\n({x:+.2f} m, {y:+.2f} m, {yaw:+.2f} rad)"
+        title = f"the {name} foot, off its usual place:\n({x:+.2f} m, {y:+.2f} m, {yaw:+.2f} rad)"
         axes.set_title(title, color=color)
         axes.set(aspect="equal", xlabel="x [m]")
         feet[side] = landing

@@ -177,10 +177,11 @@ def study_pairs(args):
     walks = common.read_trials(RESULTS / args.sim / "trials.csv")
     figure, panels = common.subplots(1, 2, figsize=(9, 5))
     rows = []
-    for panel, std in zip(panels, common.STD.values()):
+    for panel, (far, std) in zip(panels, common.STD.items()):
         policy, other = (walks[name, True, std] for name in ("policy", "baseline_tuned"))
         ratio = evaluate.time_ratio(policy, other)
         rows.append({"goal_std_m": std, **ratio})
+        faster, slower = (round(100 * ratio[key]) for key in ("faster", "slower"))
         both = (policy["outcome"] == "success") & (other["outcome"] == "success")
         times = np.stack([other["time"][both], policy["time"][both]])  # [s]
         # They are whole double steps: a small random shift parts points of the same place.
@@ -194,8 +195,8 @@ def study_pairs(args):
             aspect="equal",
             xlabel="time of baseline_tuned [s]",
             ylabel="time of the policy [s]",
-            title=f"goals σ {std} m: the policy is faster in {100 * ratio['faster']:.0f} %,\n"
-            f"slower in {100 * ratio['slower']:.0f} % of {ratio['goals']} walks",
+            title=f"{'far' if far else 'near'} goals: the policy is faster in {faster} %,\n"
+            f"as fast in {100 - faster - slower} %, slower in {slower} % of {ratio['goals']}",
         )
     robot_model.save_figure(figure, args.out / "seeds.pairs.png")
     return rows
