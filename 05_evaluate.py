@@ -218,14 +218,14 @@ class BaselineSettings:
 
 TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-28
     "pymunk": BaselineSettings(
-        forward=0.4516,
-        backward=0.5084,
-        sideways=0.3044,
-        turning=1.2288,
-        gain=1.0051,
-        turning_gain=0.8696,
-        far_m=0.979,
-        time_constant=0.2265,
+        forward=0.4453,
+        backward=0.6209,
+        sideways=0.809,
+        turning=0.6081,
+        gain=0.9863,
+        turning_gain=1.0009,
+        far_m=1.3102,
+        time_constant=0.0767,
         share=True,
     ),
     "mujoco": BaselineSettings(
