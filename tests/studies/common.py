@@ -34,8 +34,8 @@ COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
-    "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. A "
-    "black edge: chosen. Whoever is quicker with as few falls is farther down. Below: the searches "
+    "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. "
+    "Large: chosen. Whoever is quicker with as few falls is farther down. Below: the searches "
     "for both planners.",
     "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
