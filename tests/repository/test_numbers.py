@@ -164,8 +164,8 @@ def tuned_walk():
     return [walk.BUDGET, points[1:], points[0], falls[best], falls[0], 4 * walk.FRESH]
 
 
-def chosen(part):
-    return pick(study("baseline")[part]["finalists"], chosen=True)[0]
+def chosen(part, sim="mujoco"):
+    return pick(study("baseline", sim)[part]["finalists"], chosen=True)[0]
 
 
 def planners_and_policies():
@@ -176,6 +176,20 @@ def planners_and_policies():
     walked, count = study("baseline")["expert"]["trials"], len(rows("baseline", "policy"))
     found = [tuned["time"], expert["time"], 100 * tuned["fall"], walked, count, times]
     return [*found, percent(*falls), study("baseline")["paper"]["time"]]
+
+
+def planners_of_the_plane():
+    """In 2-D: times of tuned, `expert` and the policies; the rule; falls with pushes [%]."""
+    found = study("baseline", "pymunk")
+    ends_of_searches = [
+        row for part in ("baseline_tuned", "expert") for row in found[part]["finalists"]
+    ]
+    assert not any(map(baseline.keeps, ends_of_searches)), "a sentence says so"
+    both = [chosen(part, "pymunk") for part in ("baseline_tuned", "expert")]
+    policies = rows("baseline", "policy", "pymunk")
+    (own,) = pick(policies, chosen=True)
+    times = values(both, "time") + [len(policies), *ends(values(policies, "time"))]
+    return [times, 100 * baseline.MAX_PUSHED, percent(*values([*both, own], "pushed"))]
 
 
 def four_searches():
@@ -446,6 +460,7 @@ NUMBERS = {
     ],
     "walk: tune": tuned_walk,
     "baseline: times": planners_and_policies,
+    "baseline: 2-D": planners_of_the_plane,
     "baseline: four searches": four_searches,
     "baseline: before": lambda: [study("baseline")["baseline_tuned"]["finalists"][0]["time"]],
     "search: times": lambda: evaluated("mujoco", "time_mean", planner="search"),
