@@ -189,7 +189,13 @@ def planners_of_the_plane():
     policies = rows("baseline", "policy", "pymunk")
     (own,) = pick(policies, chosen=True)
     times = values(both, "time") + [len(policies), *ends(values(policies, "time"))]
-    return [times, 100 * baseline.MAX_PUSHED, percent(*values([*both, own], "pushed"))]
+    fresh = [
+        evaluated("pymunk", "episodes", planner="policy")[0],
+        -saved("pymunk", NEAR, "expert")[0],
+    ]
+    far = saved("pymunk", FAR, "expert")
+    assert far[1] < 0 < far[2], "a sentence says that both take as long"
+    return [times, fresh, 100 * baseline.MAX_PUSHED, percent(*values([*both, own], "pushed"))]
 
 
 def four_searches():
@@ -434,7 +440,7 @@ STEPS_PER_S = "double_steps_per_second"
 NUMBERS = {
     "evaluation: 2-D": lambda: [
         evaluated("pymunk", "time_mean", planner=name, goal_std_m=NEAR)
-        for name in ("policy", "baseline_tuned", "baseline")
+        for name in ("policy", "baseline_tuned", "baseline", "expert")
     ],
     "seeds: headline": least_and_most_saved,
     "by hand: feet": lambda: [82, 100, 100, 6.5, 2.9],  # README has the commands
