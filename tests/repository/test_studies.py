@@ -256,11 +256,11 @@ def test_an_evolution_strategy_learns_along_which_valley_to_go():
 
 def test_planners_at_once_walk_as_each_of_them_alone():
     tuned = evaluate.TUNED_BASELINE["pymunk"]
-    planners = [evaluate.BaselinePlanner(own) for own in (tuned, replace(tuned, forward=0.2))]
-    world = common.world("pymunk", num_robots=8)
+    planners = [evaluate.BaselinePlanner(own) for own in (tuned, replace(tuned, forward=0.3))]
+    world = common.world("pymunk", num_robots=4)
     both = common.calm_and_pushed(planners, [world], 7)
     for planner, found in zip(planners, both):
-        (alone,) = common.calm_and_pushed([planner], [common.world("pymunk", num_robots=4)], 7)
+        (alone,) = common.calm_and_pushed([planner], [common.world("pymunk", num_robots=2)], 7)
         for name, part in found.items():
             assert part.tolist() == alone[name].tolist(), name
     assert both[0]["time"].tolist() != both[1]["time"].tolist()
