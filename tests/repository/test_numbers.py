@@ -172,14 +172,17 @@ def planners_and_policies():
     """Times and falls of the chosen planners, the policies and the paper's settings [s, %]."""
     tuned, expert = chosen("baseline_tuned"), chosen("expert")
     assert tuned["fall"] == expert["fall"], "the sentence gives both the same number"
-    times, falls = (ends(column(key, "baseline", "policy")) for key in ("time", "fall"))
-    walked, count = study("baseline")["expert"]["trials"], len(rows("baseline", "policy"))
-    found = [tuned["time"], expert["time"], 100 * tuned["fall"], walked, count, times]
+    policies = rows("baseline", "policy")
+    kept = [*filter(baseline.keeps, policies)]
+    times, falls = (ends(values(kept, key)) for key in ("time", "fall"))
+    walked = study("baseline")["expert"]["trials"]
+    found = [tuned["time"], expert["time"], 100 * tuned["fall"], walked]
+    found += [len(policies), len(kept), times]
     return [*found, percent(*falls), study("baseline")["paper"]["time"]]
 
 
 def planners_of_the_plane():
-    """In 2-D: times of tuned, `expert` and the policies; the rule; falls with pushes [%]."""
+    """In 2-D: times of tuned, `expert`, policies; falls with pushes [%]; ends of searches, worse ones."""
     found = study("baseline", "pymunk")
     ends_of_searches = [
         row for part in ("baseline_tuned", "expert") for row in found[part]["finalists"]
@@ -195,7 +198,13 @@ def planners_of_the_plane():
     ]
     far = saved("pymunk", FAR, "expert")
     assert far[1] < 0 < far[2], "a sentence says that both take as long"
-    return [times, fresh, 100 * baseline.MAX_PUSHED, percent(*values([*both, own], "pushed"))]
+    worse = [
+        baseline.points(row) > baseline.points(found[part]["finalists"][0])
+        for part in ("baseline_tuned", "expert")
+        for row in found[part]["finalists"][1:]
+    ]
+    pushed = percent(*values([*both, own], "pushed"))
+    return [times, fresh, pushed, len(worse), sum(worse)]
 
 
 def four_searches():
@@ -472,6 +481,7 @@ NUMBERS = {
     "search: times": lambda: evaluated("mujoco", "time_mean", planner="search"),
     "seeds: distances": distances,
     "seeds: far": far,
+    "seeds: 6 m": lambda: distances()[-3:],
     "seeds: plan": plan,
     "seeds: trainings": trained,
     "seeds: trainings, expert": lambda: [of_all("expert", std) for std in (FAR, NEAR)],
