@@ -184,11 +184,10 @@ def table(found):
     text = ""
     for part in ("baseline_tuned", "expert"):
         if part in found:
-            rows = [row | row["settings"] for row in found[part]["finalists"]]
-            columns = {"search": 0} | dict.fromkeys(rows[0]["settings"], 2) | facts
-            rows.insert(0, {"chosen": "paper", **found.get("paper", {})})
+            rows = [{"search": "the paper's settings", "chosen": False, **found.get("paper", {})}]
+            rows += found[part]["finalists"]
             rule = f"Chosen: {found[part]['rule']}."
-            text += f"### {part}\n\n{common.table(rows, columns)}\n{rule}\n\n"
+            text += f"### {part}\n\n{common.table(rows, {'search': 0} | facts)}\n{rule}\n\n"
     return text + common.sections(found, {"policy": {"seed": 0} | facts})
 
 

@@ -226,9 +226,9 @@ def table(found):
             lines.append(line)
         columns = {"learner": 0, "return": 1, "worst": 1, "best": 1}
         text += f"### pendulum\n\n{common.table(lines, columns)}\n"
-    columns = {"goal_std_m": 1, "success": 4, "falls": 0, "time_mean": 2}
+    without = {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
     columns = {
-        "without": {"without": 0} | columns | {"time_over_all": 3, "per_seed": 0},
+        "without": without | {"time_over_all": 3, "per_seed": 0},
         "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 0},
     }
     return text + common.sections(found, columns)
