@@ -165,7 +165,7 @@ COLUMNS = {
     "worlds": {"world": 0, "planner": 0, ("falls", "goal_std_m"): 0}
     | {("time_mean", "goal_std_m"): 2},
     "steps": {"push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
-    | {"time_over_all": 3, "only_theirs": 0, "only_ours": 0, "p": 3},
+    | {"time_over_all": 3, "only_theirs": 0, "only_ours": 0},
 }
 
 
