@@ -522,7 +522,7 @@ NUMBERS = {
     "ladder: README": what_is_reproduced,
     "ladder: critic": lambda: [0, without("critic (V = 0)")],
     "ladder: clipping": lambda: without("clipping (ε = ∞)"),
-    "ladder: λ": lambda: [1, without("λ below 1 (λ = 1)")],
+    "ladder: λ": lambda: [1, np.multiply([-1, -1, 1, 1], without("λ below 1 (λ = 1)"))],
     "ladder: r_c": lambda: [
         np.negative(without("r_c")),
         [
