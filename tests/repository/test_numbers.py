@@ -183,12 +183,10 @@ def planners_and_policies():
 
 def planners_of_the_plane():
     """In 2-D: times of tuned, `expert`, policies; falls with pushes [%]; ends of searches, worse ones."""
-    found = study("baseline", "pymunk")
-    ends_of_searches = [
-        row for part in ("baseline_tuned", "expert") for row in found[part]["finalists"]
-    ]
-    assert not any(map(baseline.keeps, ends_of_searches)), "a sentence says so"
-    both = [chosen(part, "pymunk") for part in ("baseline_tuned", "expert")]
+    found, parts = study("baseline", "pymunk"), ("baseline_tuned", "expert")
+    starts_and_ends = [found[part]["finalists"] for part in parts]
+    assert not any(map(baseline.keeps, sum(starts_and_ends, []))), "a sentence says so"
+    both = [chosen(part, "pymunk") for part in parts]
     policies = rows("baseline", "policy", "pymunk")
     (own,) = pick(policies, chosen=True)
     times = values(both, "time") + [len(policies), *ends(values(policies, "time"))]
@@ -199,9 +197,9 @@ def planners_of_the_plane():
     far = saved("pymunk", FAR, "expert")
     assert far[1] < 0 < far[2], "a sentence says that both take as long"
     worse = [
-        baseline.points(row) > baseline.points(found[part]["finalists"][0])
-        for part in ("baseline_tuned", "expert")
-        for row in found[part]["finalists"][1:]
+        baseline.points(end) > baseline.points(start)
+        for start, *searches in starts_and_ends
+        for end in searches
     ]
     pushed = percent(*values([*both, own], "pushed"))
     return [times, fresh, pushed, len(worse), sum(worse)]

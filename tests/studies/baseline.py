@@ -205,8 +205,9 @@ def plot(found, sim):
         above = {"transform": axis.get_xaxis_transform(), "va": "bottom", "ha": "center"}
         axis.text(100 * most, 1.01, "the rule allows so many", **above)
         for part, marker in SHOWN.items():
-            rows = found[part].get("finalists") or found[part]["rows"] if part in found else []
-            for row in rows:
+            known = found.get(part, {"rows": []})
+            for row in known.get("finalists") or known["rows"]:
+                # Hollow: it breaks the rule. Large: it was chosen.
                 fill = "full" if keeps(row) else "none"
                 look = {"color": common.COLORS[part], "fillstyle": fill, "ms": 8}
                 look |= {"ms": 14, "label": part} if row["chosen"] else {}
