@@ -134,6 +134,10 @@ class RobotModel:
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
     gravity: float = 9.81  # [m/s²]
+    # [m] A standing robot begins this deep inside the floor. At exactly 0 the last bit of a cosine
+    # would decide which corners of the soles touch, and the same walk would end elsewhere on
+    # another processor. Our choice: far above rounding (1e-17), far below what a walk notices.
+    sink: float = 1e-9
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
     stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
@@ -210,11 +214,13 @@ def relative(base, pose):
 
 # ------------------------------------------------------------------------ to stand and to fall
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
-    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin.
-    The trunk is `x_offset` [m] ahead of the feet. (Stage 2 passes values of its own.)"""
+    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin, its
+    soles `robot.sink` below the floor. The trunk is `x_offset` [m] ahead of the feet. (Stage 2
+    passes values of its own.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
-    return trunk, body_inverse(robot, trunk, feet, planar)
+    joints = body_inverse(robot, trunk, feet, planar)
+    return trunk - [0, 0, robot.sink, 0, 0, 0], joints
 
 
 def fallen(torso, standing_height):
