@@ -530,7 +530,7 @@ def main():
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
-    pushes, speed = {}, 1.0 if engine.planar else 0.7  # [m/s]
+    pushes, speed = {}, 0.8 if engine.planar else 0.7  # [m/s]
     reflex = replace(parameters, capture=0.0, wait=0.0)
     answers = {
         "open loop": replace(reflex, reflex=0.0),

@@ -59,13 +59,14 @@ def concentration(sim):
 
 
 def reflex(sim):
-    """Share of 96 random robots that stay up for eight double steps, by the gain of the reflex."""
+    """Share of 192 random robots that stay up for eight double steps, by the gain of the reflex."""
+    count = 192
     dice = np.random.default_rng(0)
     task = env.Task()
     limits = env.LIMITS[sim]
-    plans = dice.uniform(limits.low, limits.high, (96, 8, 2, 3))
-    forward = np.tile([0.08, 0.0, 0.0], (96, 8, 2, 1))
-    bodies = env.Spread().draw(dice.spawn(96), robot_model.RobotModel())
+    plans = dice.uniform(limits.low, limits.high, (count, 8, 2, 3))
+    forward = np.tile([0.08, 0.0, 0.0], (count, 8, 2, 1))
+    bodies = env.Spread().draw(dice.spawn(count), robot_model.RobotModel())
     force = walk_engine.push_force(robot_model.RobotModel(), 0.4)  # [N]
 
     def standing(gain, steps, force):
@@ -73,11 +74,11 @@ def reflex(sim):
         parameters = replace(walk_engine.TUNED[sim], reflex=gain)
 
         def disturb(k, disturbance, robots):
-            noise = rng.normal(0, task.imu_rad_s, (96, disturbance.imu.shape[1], 2))
+            noise = rng.normal(0, task.imu_rad_s, (count, disturbance.imu.shape[1], 2))
             disturbance.imu[..., 2:] = noise[robots]
             last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
-            first = rng.integers(last + 1, size=96)
-            push = robot_model.turned([force, 0], rng.uniform(0, 2 * np.pi, 96))  # [96, 2]
+            first = rng.integers(last + 1, size=count)
+            push = robot_model.turned([force, 0], rng.uniform(0, 2 * np.pi, count))  # [count, 2]
             for row, i in enumerate(robots):
                 disturbance.push[row, first[i] : first[i] + walk_engine.PUSH_TICKS] = push[i]
 
