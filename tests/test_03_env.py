@@ -148,10 +148,10 @@ def test_the_last_action_is_observed():
     one.reset(seed=0)
     neutral = one.envs.world.neutral_action
     small = neutral + [0.05, 0, 0, 0, 0.02, 0]
-    close(one.step(small)[0][8:], small * 2 - 1, "of this double step")
-    close(one.step(neutral)[0][8:], neutral * 2 - 1, "of this double step")
+    close(one.step(small)[0][-6:], small * 2 - 1, "of this double step")
+    close(one.step(neutral)[0][-6:], neutral * 2 - 1, "of this double step")
     for much in (9, -9):  # a list
-        seen = one.step([much] * 6)[0][8:14]
+        seen = one.step([much] * 6)[0][-6:]
         close(seen, np.sign(much), "as it was asked for, clipped to [0, 1]")
 
 

@@ -30,6 +30,7 @@ from test_03_env import motion
 evaluate = import_module("05_evaluate")
 env, ppo, robot_model = evaluate.env, evaluate.ppo, evaluate.robot_model
 LIMITS = env.LIMITS["pymunk"]
+SIZES = len(env.OBSERVATION), len(env.ACTION_NAMES)  # of a policy
 B = evaluate.BaselineSettings()
 OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0, far_m=0.4)
 # By hand and not by the stages, which may be empty exercises when this module is imported:
@@ -446,13 +447,41 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
     assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 
 
+@BOTH
+def test_no_walk_hangs_on_the_last_bits_of_its_start(sim):
+    """Other processors round a stance in another way. So soles that only just touch the floor would
+    touch it elsewhere: `RobotModel.sink`."""
+    trials = evaluate.draw_trials(seed=5, count=8)
+
+    def walk(deeper, pitch):
+        """The ends of noisy walks, and where the feet last stood."""
+        world = env.FootstepWorld(8, sim, noise=True)
+        torso, joints = world.simulator.standing
+        world.simulator.standing = torso + [0, 0, -deeper, 0, pitch, 0], joints
+        feet = np.zeros((8, 2, 3))
+
+        def watch(robots, motion):
+            last = motion.torso[:, -1], motion.joints[:, -1]
+            feet[robots] = evaluate.foot_poses(ROBOT, *last)
+
+        planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
+        return evaluate.evaluate(planner, world, trials, watch), feet
+
+    want, stood = walk(0, 0)
+    for change in (1e-12, 0), (-1e-12, 0), (0, 1e-15), (0, -1e-15):  # [m], [rad]
+        found, feet = walk(*change)
+        equal(found["outcome"], want["outcome"], f"after a start that differs by {change}")
+        equal(found["steps"], want["steps"], f"after a start that differs by {change}")
+        close(feet[..., :2], stood[..., :2], f"a start that differs by {change} [m]", atol=1e-3)
+
+
 def save_untrained(path, sim="pymunk", fits=(), **settings):
     """A policy that steps on the spot whatever it sees: nearly its first one; settings: of the
     world in which it says that it was trained; fits: what it says of it besides.
     """
     torch.manual_seed(0)
     neutral = env.to_action(np.zeros((2, 3)), env.LIMITS[sim])
-    model = ppo.ActorCritic(14, 6, first_action=neutral)
+    model = ppo.ActorCritic(*SIZES, first_action=neutral)
     world = env.FootstepWorld(1, sim, **{"task": SHORT, **settings})
     path.parent.mkdir(parents=True, exist_ok=True)
     fits = ppo.fingerprint(world) | dict(fits)
@@ -715,7 +744,7 @@ class Mine(evaluate.BaselinePlanner):
 
 
 def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(capfd, monkeypatch):
-    untrained = ppo.ActorCritic(14, 6, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
+    untrained = ppo.ActorCritic(*SIZES, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
     policy, baseline = evaluate.PolicyPlanner(untrained), evaluate.BaselinePlanner()
     planners = {"policy": policy, "a": Recorder(), "b": Mine(), "baseline": baseline}
     want = walked(planners, jobs=1)
@@ -741,7 +770,7 @@ class Deadly(ppo.ActorCritic):
 @pytest.mark.slow
 @pytest.mark.parametrize("planner, error, place", [
     (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    (evaluate.PolicyPlanner(Deadly(14, 6)), BrokenExecutor, ""),
+    (evaluate.PolicyPlanner(Deadly(*SIZES)), BrokenExecutor, ""),
 ], ids=["raises", "is killed"])  # fmt: skip
 def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place):
     with pytest.raises(error) as caught:
@@ -762,7 +791,9 @@ def test_a_script_lets_all_cores_walk_on_the_plane(monkeypatch):
 # Helpers begin after half a second; after five they walk.
 @pytest.mark.parametrize("seconds", [0.5, pytest.param(5.0, marks=pytest.mark.slow)])
 def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
-    command = [sys.executable, "-u", "05_evaluate.py", *"--noise --jobs 2 --out".split(), tmp_path]
+    policy = save_untrained(tmp_path / "policy.pt")
+    flags = ["--noise", "--jobs", "2", "--out", tmp_path, "--policy", policy]
+    command = [sys.executable, "-u", "05_evaluate.py", *flags]
     with subprocess.Popen(
         command,
         cwd=Path(evaluate.__file__).parent,

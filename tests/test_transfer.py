@@ -128,6 +128,7 @@ def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
         bullet.BulletSim(*SETTINGS)
 
 
+@pytest.mark.shipped
 def test_rows_become_a_table(monkeypatch):
     ended = {"outcome": np.array(["success"] * 2), "time": np.ones(2), "still_there": np.ones(2)}
     monkeypatch.setattr(common, "walks", lambda *_: ended)

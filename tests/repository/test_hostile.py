@@ -113,6 +113,26 @@ def test_a_busy_machine_draws_every_legend_in_silence(tmp_path):
         env.plot_rewards({"r_d": np.ones(5)}, np.ones((2, 15)), tmp_path / "rewards.png")
 
 
+JITTER = """
+from importlib import import_module
+
+def jittery(advance):
+    return lambda self, robots, targets, *more: advance(self, robots, targets * (1 - 1e-9), *more)
+
+for simulator in import_module("01_robot_model").SIMULATORS.values():
+    simulator.advance = jittery(simulator.advance)
+"""
+
+
+@pytest.mark.slow
+def test_no_verdict_about_a_robot_hangs_on_rounding(tmp_path):
+    """Every joint target is off by a billionth. What is true of a robot is true then, too."""
+    (tmp_path / "jitter.py").write_text(JITTER, "utf-8")
+    files = (f"tests/test_0{path.name[1:]}" for path in sorted(ROOT.glob("0[123]_*.py")))
+    done = python("-m", "pytest", "-q", "-p", "jitter", *files, PYTHONPATH=str(tmp_path))
+    assert done.returncode == 0, f"give these tests a margin:\n{done.stdout}"
+
+
 # ------------------------------------------------------------------------ notebooks
 def test_a_stage_leaves_the_settings_of_a_notebook_alone():
     seen = []

@@ -61,12 +61,14 @@ def test_every_exercise_belongs_to_a_lesson(kind):
     assert not absent, f"in which lesson is {kind}.{absent} done?"
 
 
+@pytest.mark.shipped
 @pytest.mark.parametrize("name", ["circle", "concentration"])
 def test_the_quick_experiments_print_what_is_told(name, capsys):
     import_module("predict").EXPERIMENTS[name]("pymunk")
     assert capsys.readouterr().out.splitlines() == told(name), "predict.md shows it"
 
 
+@pytest.mark.shipped
 def test_predictions_were_measured_with_the_walk_that_is_used():
     tuned = import_module("02_walk_engine").TUNED["mujoco"].foot_rise
     assert f"| {tuned}, tuned |" in TEXT["predict.md"], f"foot_rise is {tuned}: measure it anew"

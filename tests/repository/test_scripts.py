@@ -94,6 +94,7 @@ README = (ROOT / "README.md").read_text("utf-8")
 EXPERIMENTS = re.findall(r"\| `(0\d_\w+\.py)` \| `(.+?)` to `(.+?)` \| `python (.+?)` \|", README)
 
 
+@pytest.mark.shipped
 @pytest.mark.slow
 @pytest.mark.parametrize("script, number, other, command", EXPERIMENTS, ids=str)
 def test_the_first_experiments_of_a_student_walk(tmp_path, script, number, other, command):
@@ -185,6 +186,7 @@ WITH_BLOCKS = [
 ]
 
 
+@pytest.mark.shipped
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_BLOCKS, ids=lambda page: page.name)
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
@@ -202,6 +204,7 @@ NOTEBOOK = json.loads((ROOT / "tests/exercises/notebook.ipynb").read_text("utf-8
 CELLS = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 
 
+@pytest.mark.shipped
 @pytest.mark.slow
 def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
     """As one program, with a shorter training, and then with the shipped policy. Of its own commands
@@ -291,6 +294,7 @@ def numbers(line):
     return re.sub(pattern, "#", line).split(), [float(x) for x in re.findall(pattern, line)]
 
 
+@pytest.mark.shipped
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name, commands, tolerance",

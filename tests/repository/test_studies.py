@@ -159,6 +159,7 @@ def test_a_film_goes_to_three_goals_and_holds_a_push_and_each_goal(tmp_path, mon
     equal(next(first)["motion"].torso, next(other)["motion"].torso, "every film is the same")
 
 
+@pytest.mark.shipped
 def test_the_film_of_a_training_says_how_long_each_policy_has_learned():
     _, panels = common.subplots(1, 3, figsize=(3, 1))
     next(film.training(panels, "mujoco"))
@@ -400,11 +401,12 @@ def test_the_ladder_changes_one_thing_a_rung_and_ends_at_this_system():
 
 
 def test_learners_that_lack_a_part(monkeypatch):
-    obs = ppo.torch.rand(5, 14)
-    model = ladder.NoCritic(14, 6)
+    sizes = len(env.OBSERVATION), len(env.ACTION_NAMES)
+    obs = ppo.torch.rand(5, sizes[0])
+    model = ladder.NoCritic(*sizes)
     close(model.value(obs).detach(), 0)
     (model.value(obs) - 1).square().mean().backward()  # a training needs it
-    shape = ladder.ShapeActor(14, 6, (64, 64), 0.3, 10.0)
+    shape = ladder.ShapeActor(*sizes, (64, 64), 0.3, 10.0)
     close(shape.policy(obs).base_dist.concentration1.detach(), 1 + 0.3 * 8, atol=0.1)
     close(shape.policy(obs).base_dist.concentration0.detach(), 1 + 0.7 * 8, atol=0.1)
     told = []
