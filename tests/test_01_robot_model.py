@@ -594,7 +594,7 @@ def sliding(sim, ticks, degrees=0):
 def test_mujoco_foot_slides_alike_in_all_directions_with_the_friction_it_drew():
     for degrees in 0, 45, 90:
         hint = f"μ at {degrees}°: only at 45°: a pyramid; else: the larger of two values?"
-        close(sliding("mujoco", 2, degrees), [ROBOT.friction, 0.4], hint, rtol=0.02)
+        close(sliding("mujoco", 2, degrees), [ROBOT.friction, 0.4], hint, rtol=0.05)
 
 
 def test_planar_foot_slides_with_the_friction_it_drew():

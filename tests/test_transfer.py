@@ -80,6 +80,7 @@ def test_frames_of_links_may_be_turned_as_in_the_team_s_file(tmp_path):
         close(found, want, atol=1e-6)
 
 
+@pytest.mark.shipped
 def test_a_file_that_tells_our_robot_walks_as_our_robot():
     """Our masses, motors and floor; cleats instead of soles."""
     theirs, ours = walked(transfer.team_sim(URDF, True)), walked(robot_model.MujocoSim)

@@ -545,6 +545,7 @@ NUMBERS = {
 }
 
 
+@pytest.mark.shipped
 def test_the_numbers_of_the_pages_are_those_of_the_files():
     found = [*mistakes(TEXTS, NUMBERS)]
     assert not found, "\n".join(found)
