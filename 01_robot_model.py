@@ -7,13 +7,15 @@ have the paper's numbers. `tests/exercises/ledger.md` leads from each part of th
     python 01_robot_model.py             2-D (pymunk), 5 seconds
     python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
 
-In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it has six joints: it
-moves forward and up, and stands, slips and falls as the physics says. Sidesteps and turns are as
-commanded. This is the planar robot.
+In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it lives in the
+sagittal plane, the one that is seen from its side, and six joints are left: it moves forward and
+up, and stands, slips and falls as the physics says, but sidesteps and turns are as commanded. This
+is the planar robot.
 
-101 robots lean forward from their ankles, slowly, each by an angle of its own between 0.25 and 0.35
-rad. `runs/<sim>/01_robot.png` shows the robot that fell at the smallest lean. Predict this lean, as
-`tests/exercises/predict.md`, *lean*, shows.
+101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. Which
+is the first to fall? `runs/<sim>/01_robot.png` shows it. Predict its lean, as
+`tests/exercises/predict.md`, *lean*, shows. The robot has a mass of 6.1 kg, and while it stands its
+centre of mass is 0.38 m above the floor.
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
 (from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
@@ -43,12 +45,14 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
     ankle pitch       y     lowers the toes
     ankle roll        x     lifts the left edge of the sole
 
-Frames: x forward, y left, z up. Angles are in radians, positive by the right-hand rule: the thumb
-points along the axis. A positive pitch turns z towards x, so the torso leans forward. The joints of
-the left leg come first, then those of the right leg, each in the order of the table. Trunk and
-torso are the same part of the robot: the trunk is where it is commanded to be, the torso where it
-truly is. A control tick takes 0.01 s, and gives each motor a new target. Letters in the shapes of
-arrays: N all robots; n or k some of them; K moments; T ticks. `robots` are indices of robots.
+    x, y, z         forward, left, up [m]
+    roll, pitch, yaw  > 0: the torso leans to the right, leans forward, turns to the left [rad]
+    joints          those of the left leg first, then the right one's, each in the table's order
+    trunk, torso    the same part: the trunk is where it is commanded to be, the torso where it is
+    tick            10 ms of control: every motor gets a new target
+    [N, n, k, …]    shapes: N all robots; n those that are asked for; k those of them that still walk
+    [T, K, S, …]    T ticks; K moments; S double steps
+    robots, rows    which of all N robots; which rows of an array [n, …]
 
 The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
 torso's tilt and turning rates. Left out: all other sensors, arms and head (their mass is in the
@@ -63,12 +67,8 @@ import math
 import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-
-if "matplotlib_inline" in os.environ.get("MPLBACKEND", "") and "IPython" not in sys.modules:
-    del os.environ["MPLBACKEND"]  # of a notebook that starts this script, maybe without its package
 
 import matplotlib
 import mujoco.rollout
@@ -82,9 +82,21 @@ LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")  # of a leg
 SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
-# Columns of a robot's state, see `Simulator`. The first three also name columns of a torso's pose.
-GROUND, HEIGHT, TILT = [0, 1, 5], 2, [3, 4]  # x, y, yaw on the floor; z; roll, pitch
-TORSO, ANGLES, TILT_RATES, YAW_RATE = slice(6), np.arange(6, 18), [18, 19], 20
+# The numbers of a pose in stages 1 and 2, in [m] and [rad]:
+#   torso, trunk          [6]     x, y, z, roll, pitch, yaw
+#   state                 [21]    torso; twelve joints; rates of roll, pitch, yaw [rad/s]
+#   foot on the floor     [3]     x, y, yaw
+#   foot on its way       [4]     x, y, z of the point of the sole below the ankle; yaw
+#   trunk_state           [6, 3]  of each of the trunk's six numbers: position, velocity, acceleration
+#   answer to a lean      [3]     of a leg: a shift to the left; roll, pitch   (see stage 2)
+# Columns of a torso's pose, and of a state:
+GROUND = [0, 1, 5]  # x, y, yaw
+HEIGHT = 2
+# Columns of a state only:
+TORSO = slice(6)
+ANGLES = np.arange(6, 18)
+IMU = [3, 4, 18, 19]  # roll, pitch, and their rates
+YAW_RATE = 20
 
 
 @dataclass(frozen=True)
@@ -122,12 +134,12 @@ class RobotModel:
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
-    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] see `damping`
     # [rad] The knee's are rounded. For both rolls it is the range that both legs have.
     joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
     joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)
-    # [N m s/rad] back-EMF: a turning motor is a generator, too, and brakes itself. At the speed
-    # limit 10 − 1.23·5.76 − 2.55 = 0.37 N m remain for the load (knee: 0.11 N m).
+    # [N m s/rad] back-EMF: a turning motor is a generator, too, and brakes itself. So in MuJoCo it
+    # has a speed limit: at 5.76 rad/s 10 − 1.23·5.76 − 2.55 = 0.37 N m are left (knee, 3.87 rad/s:
+    # 0.11 N m).
     damping: tuple = (1.23, 1.23, 1.23, 2.92, 1.23, 1.23)
     stiction: tuple = (2.55, 2.55, 2.55, 1.49, 2.55, 2.55)  # [N m] dry friction
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
@@ -140,10 +152,12 @@ class RobotModel:
     sink: float = 1e-9
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
-    stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; only in MuJoCo
+    # MuJoCo only.
+    stiffness: float = 300.0  # [N m/rad] position gain of a motor: torque per error; our choice
     # pymunk only.
+    speed_limit: tuple = (5.76, 5.76, 5.76, 3.87, 5.76, 5.76)  # [rad/s] of the motors, as above
     planar_gain: float = 40.0  # [1/s] speed of a motor per position error; our choice
-    planar_iterations: int = 20  # [-] of the solver: until a fall joints open by < 2 mm; ours
+    planar_iterations: int = 20  # [-] of the solver: joints open by about 2 mm at most; ours
 
     @property
     def hips(self):
@@ -160,16 +174,18 @@ class Trajectory:
 
     def __init__(self, joints):
         self.joints = joints  # [n, T + 1, 12] [rad] sample t: after t ticks; sample 0: the stance
-        self.ticks = joints.shape[1] - 1  # T
-        self.most_ticks = self.ticks  # a plan that can wait, see stage 2, may take more
+        self.ticks = self.most_ticks = (
+            joints.shape[1] - 1
+        )  # T (stage 2: a plan may wait, to most_ticks)
         self.progress = np.zeros(len(joints))  # [n] ticks of the plan that each robot has done
 
     def go_on(self, rows, tick, imu):
-        """Goes on by a tick, for these rows [k] of the plan's robots. `tick` is how many ticks have
-        passed; imu [k, 4] is what `Simulator.imu` measures now.
+        """Plans the next tick of the plan's rows [k]. `tick` is how many ticks have passed;
+        imu [k, 4] is what `Simulator.imu` measures now.
 
         Returns where the joints should be at the end of the tick, [k, 12] [rad], and how the trunk
-        should move on the floor meanwhile, [k, 3]: x, y [m], yaw [rad] seen from where it was."""
+        should move on the floor meanwhile, [k, 3]: x, y [m], yaw [rad] seen from where it was. (The
+        planar robot obeys y and yaw, as it has no legs for them. In 3-D only the legs move it.)"""
         self.progress[rows] += 1
         return self.joints[rows, tick + 1], np.zeros((len(rows), 3))
 
@@ -233,7 +249,8 @@ def fallen(torso, standing_height):
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, turns = body_frames(robot, torso, joints)
-    links = robot.torso, *(robot.hip, robot.thigh, robot.shin, robot.foot) * 2
+    leg = [robot.hip, robot.thigh, robot.shin, robot.foot]
+    links = [robot.torso, *leg, *leg]
     coms = np.array([link.com for link in links])
     coms[5:, 1] *= -1  # outward: on the right side to the right
     centres = points + apply(turns, coms)  # [K, 9, 3]
@@ -262,9 +279,9 @@ def apply(matrix, vector):
 
 def body_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
-    torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns the origins [..., 9, 3] of
-    their frames (the torso's; else the joint above the link: hip, hip pitch, knee, ankle) and their
-    rotations [..., 9, 3, 3]. For a foot seen from the torso this is
+    torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns their origins [..., 9, 3]
+    (the torso's frame; of a leg the hip, the axis of hip pitch, knee, ankle) and their rotations
+    [..., 9, 3, 3]. For a foot seen from the torso this is
     Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)."""
     shape = joints.shape[:-1]
     legs = np.moveaxis(joints.reshape(*shape, 2, 6), -1, 0)
@@ -281,7 +298,8 @@ def body_frames(robot, torso, joints):
     points = np.stack([hip, thigh, shin, foot], -2) + robot.hips[:, None]  # [..., 2, 4, 3]
     turns = np.stack([hip_turn, thigh_turn, shin_turn, foot_turn], -3)
     # In the world: p ← R·p + torso, rotation ← R·rotation
-    R = rotation(*np.moveaxis(torso[..., None, 3:], -1, 0))  # [..., 1, 3, 3]
+    roll, pitch, yaw = np.moveaxis(torso[..., None, 3:], -1, 0)  # [..., 1] each
+    R = rotation(roll, pitch, yaw)  # [..., 1, 3, 3]
     origin = torso[..., None, :3]
     points = apply(R, points.reshape(*shape, 8, 3)) + origin
     turns = R @ turns.reshape(*shape, 8, 3, 3)
@@ -294,7 +312,8 @@ def leg_inverse(robot, position, foot_turn):
     position [..., 3]: the ankle seen from the hip [m]; foot_turn [..., 3, 3]: the foot's rotation;
     both along the torso's axes. An ankle out of reach is moved along r, see below, only as far as
     needed. The angles are clipped to the joint limits. A foot should be below its hip, and tilt by
-    less than about a radian.
+    less than about a radian. To check yours: in 2-D a leg of `stance` has the angles
+    0, 0, −0.526, 0.975, −0.549, 0.
 
     hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
            :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
@@ -312,10 +331,10 @@ def leg_inverse(robot, position, foot_turn):
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: Rᵀ·(−p).
     # (.mT: the transposes of the last two axes)
-    hip = apply(foot_turn.mT, -position)  # [..., 3]
+    from_ankle = apply(foot_turn.mT, -position)  # [..., 3]
     # Before the ankle rolls, the hip is at (x, 0, h). When the foot turns by +roll, the hip turns
     # by −roll as seen from it: Rx(−roll)·(x, 0, h) = (x, h·sin roll, h·cos roll) with h > 0.
-    ankle_roll = np.arctan2(hip[..., 1], hip[..., 2])
+    ankle_roll = np.arctan2(from_ankle[..., 1], from_ankle[..., 2])
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
@@ -324,16 +343,16 @@ def leg_inverse(robot, position, foot_turn):
     M = foot_turn @ roll_back
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
-    pitches = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
+    pitch_sum = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
     # The axis of hip pitch is hip_x ahead of the hip, along the hip's x axis. Seen from the foot
     # this x axis is the first column of Rx(−ankle roll)·Ry(−s).
-    ahead = (roll_back @ rotation(0, -pitches, 0))[..., 0]  # [..., 3]
-    rx, ry, rz = np.moveaxis(hip + robot.hip_x * ahead, -1, 0)  # r
+    ahead = (roll_back @ rotation(0, -pitch_sum, 0))[..., 0]  # [..., 3]
+    rx, ry, rz = np.moveaxis(from_ankle + robot.hip_x * ahead, -1, 0)  # r
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive. A longer
     # r is cut to a straight leg, a shorter one to the most that the knee bends.
-    square = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
-    cos_knee = (square - thigh**2 - shin**2) / (2 * thigh * shin)
+    r_squared = rx**2 + ry**2 + rz**2
+    cos_knee = (r_squared - thigh**2 - shin**2) / (2 * thigh * shin)
     knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
@@ -341,28 +360,27 @@ def leg_inverse(robot, position, foot_turn):
     # Seen from the foot, with its roll undone: r = (rx, 0, √(ry² + rz²))
     from_foot = np.arctan2(rx, np.hypot(ry, rz))
     ankle_pitch = from_shin - from_foot
-    pitch = pitches - knee - ankle_pitch
+    pitch = pitch_sum - knee - ankle_pitch
     joints = np.stack([yaw, roll, pitch, knee, ankle_pitch, ankle_roll], -1)
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
 
 def body_inverse(robot, trunk, feet, planar=False):
-    """Joint angles [..., 12] that put both feet in their places; planar: legs below their hips,
-    feet along the trunk.
-
-    trunk [..., 6]: x, y, z, roll, pitch, yaw (or [..., 2, 6]: another one for each leg); feet
-    [..., 2, 4]: x, y, z of the point of the sole below the ankle, yaw."""
+    """Joint angles [..., 12] that put both feet, [..., 2, 4], in their places, if the trunk is at
+    [..., 6]; or at [..., 2, 6]: where each leg takes it to be. planar: legs below their hips, feet
+    along the trunk."""
     if trunk.ndim < feet.ndim:
         trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
-    base = rotation(*np.moveaxis(trunk[..., 3:], -1, 0))  # R, [..., 1 or 2, 3, 3]
+    roll, pitch, yaw = np.moveaxis(trunk[..., 3:], -1, 0)  # [..., 1 or 2] each
+    base = rotation(roll, pitch, yaw)  # R, [..., 1 or 2, 3, 3]
     # Seen from the trunk:  p ← Rᵀ·(p − trunk),  foot's rotation ← Rᵀ·Rz(yaw)
     ankle = feet[..., :3] - trunk[..., :3] + [0, 0, robot.ankle_height]  # [..., 2, 3]
     ankle = apply(base.mT, ankle)
-    yaw = feet[..., 3]
+    foot_yaw = feet[..., 3]
     if planar:
         ankle[..., 1] = robot.hips[:, 1]
-        yaw = np.broadcast_to(trunk[..., 5], yaw.shape)  # of both feet
-    foot_turn = base.mT @ rotation(0, 0, yaw)
+        foot_yaw = np.broadcast_to(yaw, foot_yaw.shape)
+    foot_turn = base.mT @ rotation(0, 0, foot_yaw)
     joints = leg_inverse(robot, ankle - robot.hips, foot_turn)  # [..., 2, 6]
     return joints.reshape(*joints.shape[:-2], 12)
 
@@ -411,6 +429,15 @@ class Disturbance:
         return cls(np.zeros((*shape, 2)), np.zeros((*shape, 4)))
 
 
+# Who calls whom in a double step? Stage 2 plans it for n robots; `run` below belongs to the robot,
+# and asks the plan in every tick, for the k robots whose plan is not done:
+#
+#     engine.plan(footsteps [n, 2, 3])  ──►  plan: trunk [n, T + 1, 6], feet [n, T + 1, 2, 4]
+#
+#     state [n, 21]  ──►  imu [k, 4]  ──►  plan.go_on:  lean  ──►  capture_step  ──►  body_inverse
+#         ▲                                                             + reflex at the ankles
+#         │                                                                       │
+#     advance: 2 physics steps  ◄──  targets [k, 2, 12]  ◄──  delay  ◄──  target [k, 12]
 class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
@@ -420,12 +447,9 @@ class Simulator:
         advance(robots, targets, push, move)
                            simulates a control tick and returns the states after it [n, 21]
 
-    where targets [n, 2, 12] are the joint targets at the beginning and at the end of the tick
-    [rad], push [n, 2] is the force on the torso [N], and move [n, 3] is how the trunk should move,
-    see `Trajectory`. SIMULATORS names the classes.
-
-    A state holds the torso's x, y, z [m], roll, pitch, yaw [rad], the twelve joints [rad], and the
-    rates of roll, pitch and yaw [rad/s]."""
+    where targets [n, 2, 12] are the joint targets at the beginning and at the end of the tick [rad]
+    (MuJoCo takes the latter only), push [n, 2] is the force on the torso [N], and move [n, 3] is how
+    the trunk should move, see `Trajectory.go_on`. SIMULATORS names the classes."""
 
     planar = False  # do the robots live in the sagittal plane?
 
@@ -434,8 +458,8 @@ class Simulator:
         self.standing = standing  # torso [6], joints [12], see `stance`
         self.body = Body.as_model(robot, num_robots)
         self.state = np.zeros((num_robots, 21))
-        # [N, 12] [rad] last tick's target; what was sent
-        self.chosen, self.sent = np.zeros((2, num_robots, 12))
+        # [N, 12] [rad] of the last tick: the plan's target; what was sent to the motors
+        self.last_target, self.last_sent = np.zeros((2, num_robots, 12))
 
     def reset(self, robots, body=None):
         """Robots [n] stand at the origin, with this Body; None: that of the model."""
@@ -444,35 +468,34 @@ class Simulator:
             getattr(self.body, name)[robots] = values
         torso, joints = self.standing
         self.state[robots] = np.concatenate([torso, joints, np.zeros(3)])
-        self.chosen[robots] = self.sent[robots] = joints
+        self.last_target[robots] = self.last_sent[robots] = joints
         self.place(robots)
 
     def imu(self, robots):
         """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
         [n, 4]. (A real gyro measures rates about the torso's own axes. Upright these are nearly the
         same.)"""
-        imu = self.state[robots][:, TILT + TILT_RATES]
+        imu = self.state[robots][:, IMU]
         imu[:, 2:] += self.body.gyro[robots]
         return imu
 
     def run(self, robots, plan, disturbance=None):
         """Lets these robots [n] follow their plan, a Trajectory, tick by tick. Returns a Motion. A
-        robot whose plan is done keeps its state.
-
-        What is sent to the motors may be late: target + delay·(target of the tick before − target).
-        With a delay of 1 the whole target is a tick late. One between 0 and 1 is a mixture, and no
-        true delay."""
+        robot whose plan is done keeps its state. One that falls goes on to the end of its plan."""
         robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
         states, ticks, fell = [], np.zeros(len(robots), int), np.zeros(len(robots), bool)
-        while len(rows := np.flatnonzero(plan.progress < plan.ticks)):  # [k] whose plan goes on
-            walking, tick = robots[rows], len(states)
+        while (plan.progress < plan.ticks).any():
+            rows, tick = np.flatnonzero(plan.progress < plan.ticks), len(states)
+            walking = robots[rows]  # [k] whose plan is not done
             imu = self.imu(walking) + disturbance.imu[rows, tick]
             target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
-            sent = target + self.body.delay[walking, None] * (self.chosen[walking] - target)
+            # sent = target + delay·(last target − target): 0 no delay, 1 a tick. (A delay between
+            # 0 and 1 is a mixture, and no true delay.)
+            sent = target + self.body.delay[walking, None] * (self.last_target[walking] - target)
             # At the beginning and at the end of the tick  [k, 2, 12]
-            targets = np.stack([self.sent[walking], sent], 1) + self.body.zero[walking, None]
-            self.chosen[walking], self.sent[walking] = target, sent
+            targets = np.stack([self.last_sent[walking], sent], 1) + self.body.zero[walking, None]
+            self.last_target[walking], self.last_sent[walking] = target, sent
             state = self.advance(walking, targets, disturbance.push[rows, tick], move)
             finite = (np.abs(state) < 1e6).all(1)  # else the physics diverged: a fall, too
             fell[rows] |= ~finite
@@ -595,17 +618,8 @@ def mujoco_xml(robot, height=0):
 class MujocoSim(Simulator):
     """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
 
-    A motor gets the target of the tick's end. How late is a joint that turns at 1 rad/s?
-
-        back-EMF       damping / stiffness               4.1 ms late   (knee 9.7)
-        dry friction   stiction / (stiffness · rate)     8.5 ms late   (knee 5.0)
-        target         of the tick's end, from its
-                       beginning on                      5.0 ms early, on average
-        physics        computes the force of a physics
-                       step at its beginning, from an
-                       error that is 2.5 ms too old      2.5 ms early, on average
-
-    The sum is 5.1 ms (knee 7.2). Measured are 5.2 to 5.5 ms (knee 7.4)."""
+    A motor gets the target of the tick's end. A joint that turns at 1 rad/s is about 5 ms behind
+    this target (knee 7), because back-EMF and dry friction hold it back."""
 
     # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
@@ -674,23 +688,8 @@ def planar_links(robot):
     # distance d the second terms are m₁·m₂ / (m₁ + m₂)·d².
     pitch = torso.inertia[1] + 2 * hip.inertia[1] + share * torso.mass * (away[::2] ** 2).sum()
     merged = Link(mass, torso.com + share * away, (0, pitch, 0))  # only the pitch's is used
-    return merged, *(robot.thigh, robot.shin, robot.foot) * 2
-
-
-def sound(number):
-    """The number, if pymunk can use it. (Else an assertion in C would end Python.)"""
-    if not 0 <= number < math.inf:
-        raise InputError(f"pymunk cannot use a mass, inertia, friction or iterations of {number}")
-    return number
-
-
-class Part(pymunk.Body):
-    """A body of pymunk whose copy keeps its place. (The copy of a robot that walks is off by some
-    millimetres, as the solver's memory is not copied.)"""
-
-    def __setstate__(self, state):
-        super().__setstate__(state)
-        self.position = self.position  # pymunk sets the centre of mass later, which moves it
+    leg = [robot.thigh, robot.shin, robot.foot]
+    return [merged, *leg, *leg]
 
 
 class PymunkSim(Simulator):
@@ -724,27 +723,32 @@ class PymunkSim(Simulator):
     def _build(self, i):
         """A space with the floor and standing robot i; the robot's seven bodies and six motors."""
         robot, (torso, joints) = self.robot, self.standing
+        factors = self.body.mass[i, self.LINKS]
+        masses = factors * [link.mass for link in self.links]
+        moments = factors * [link.inertia[1] for link in self.links]
+        friction = self.body.friction[i]
+        for number in (*masses, *moments, friction, robot.planar_iterations):
+            if not 0 <= number < math.inf:  # an assertion of pymunk would end Python
+                raise InputError(f"pymunk can use no mass, inertia, μ or iterations of {number}")
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
-        space.iterations = sound(robot.planar_iterations) or 1
+        space.iterations = robot.planar_iterations or 1
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
-        ground.friction = sound(self.body.friction[i])  # pymunk MULTIPLIES both μ; the other is 1
+        ground.friction = friction  # pymunk MULTIPLIES both μ; the other one is 1
         space.add(ground)
         origins, _ = body_frames(robot, torso, joints)  # [9, 3]
         points = origins[self.LINKS][:, [0, 2]].tolist()  # [7, 2] x, z
-        pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))  # [7]
-        factors = self.body.mass[i, self.LINKS].tolist()
+        # Along a leg pitches add up: of thigh, shin, foot  [2, 3]; with the torso [7]
+        pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))
         coms = np.array([link.com for link in self.links])  # [7, 3] seen from the joint above
         # Only the torso's own centre of mass is random, not that of the hips' motors.
         coms[0] += robot.torso.mass / self.links[0].mass * self.body.com[i]
         bodies, motors = [], []
-        for link, factor, (x, _, z), point, pitch in zip(
-            self.links, factors, coms, points, pitches
-        ):
-            body = Part(sound(link.mass * factor), sound(link.inertia[1] * factor))
-            body.center_of_gravity = x, z
+        for mass, moment, com, point, pitch in zip(masses, moments, coms, points, pitches):
+            body = pymunk.Body(mass, moment)
+            body.center_of_gravity = com[0], com[2]
             body.angle = -pitch
             body.position = point
             space.add(body)
@@ -780,13 +784,14 @@ class PymunkSim(Simulator):
         speeds = (end - start) / robot.control_dt + gain * (start - state[:, ANGLES[SAGITTAL]])
         speeds = np.clip(speeds, -limit, limit).tolist()
         forces = push[:, 0].tolist()
-        rows = np.array([self._tick(*args) for args in zip(robots, speeds, forces)])  # [n, 10]
-        ahead, height, rate, pitch = rows[:, :4].T  # [n] each
-        pitches = rows[:, 3:]  # [n, 7]
+        rows = np.array(list(map(self._tick, robots, speeds, forces)))  # [n, 10]
+        ahead, height, rate = rows[:, :3].T  # [n] each
+        pitches = rows[:, 3:]  # [n, 7] the torso's first
         new = np.zeros_like(state)
         # Ahead it moves as simulated, sideways as commanded; it turns as commanded.
         new[:, GROUND] = compose(state[:, GROUND], np.column_stack([ahead, move[:, 1:]]))
-        new[:, HEIGHT], new[:, TILT[1]], new[:, TILT_RATES[1]] = height, pitch, rate
+        # The torso's height, pitch, and rate of pitch
+        new[:, HEIGHT], new[:, IMU[1]], new[:, IMU[3]] = height, pitches[:, 0], rate
         new[:, ANGLES[SAGITTAL]] = pitches[:, 1:] - pitches[:, self.PARENT]
         new[:, YAW_RATE] = move[:, 2] / robot.control_dt
         return new
@@ -838,17 +843,18 @@ def draw_robots(axes, robot, torso, joints, camera):
     """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12]; camera:
     of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one."""
     low = -robot.ankle_height
-    sole = np.array([[-robot.foot_back, 0, low], [robot.foot_front, 0, low]])  # heel, toe
+    sole = [[-robot.foot_back, 0, low], [robot.foot_front, 0, low]]  # heel, toe
     for k, (origins, turns) in enumerate(zip(*body_frames(robot, torso, joints)), 1):
         lines = [
-            (origins[0] + apply(turns[0], np.array(ends)), color, radius)
-            for ends, color, radius in UPPER_BODY
+            (origins[0] + ends @ turns[0].T, color, radius) for ends, color, radius in UPPER_BODY
         ]
         for hip, color in zip((1, 5), COLORS):
             thigh, knee, ankle = origins[hip + 1 : hip + 4]
-            lines.append(([thigh, knee], color, 0.036))
-            lines.append(([knee, ankle], color, 0.029))
-            lines.append((ankle + apply(turns[hip + 3], sole), color, 0.016))
+            lines += [
+                ([thigh, knee], color, 0.036),
+                ([knee, ankle], color, 0.029),
+                (ankle + sole @ turns[hip + 3].T, color, 0.016),
+            ]
         # The farthest line first: it is as near as the nearer of its ends.
         for ends, color, radius in sorted(lines, key=lambda line: (line[0] @ camera[0]).max()):
             color = 1 - (1 - np.array(to_rgb(color))) * k / len(torso)
@@ -858,8 +864,9 @@ def draw_robots(axes, robot, torso, joints, camera):
 
 def draw_ground(axes, camera, size):
     """Draws squares of 0.25 m on the floor, `size` [m] to every side of the origin."""
+    side = [-size, size]
     for u in np.arange(-size, size + 0.01, 0.25):
-        for line in ([[u, u], [-size, size]], [[-size, size], [u, u]]):  # x, y of both ends
+        for line in ([u, u], side), (side, [u, u]):  # x, y of both ends
             axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
@@ -895,17 +902,18 @@ def output_folder(args, *parts):
 
 def atomic_write(path, write):
     """Calls write(temporary file), then renames it: `path` is never only a part of a file. Raises
-    an InputError if the disk is full, or if another program keeps the file open."""
+    an InputError with the system's words, as of a full disk or of a file that another program keeps
+    open."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
     try:
-        write(temporary)
-        temporary.replace(path)
-    except (OSError, RuntimeError) as error:  # the latter by PyTorch
-        reason = getattr(error, "strerror", "is the disk full?")
+        try:
+            write(temporary)
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except (OSError, RuntimeError) as error:  # the latter by PyTorch and matplotlib
+        reason = getattr(error, "strerror", error)
         raise InputError(f"cannot write {path}: {reason}") from error
-    finally:
-        with suppress(OSError):  # it is not there, or the disk is read-only
-            temporary.unlink()
 
 
 def write_text(path, text):
@@ -959,23 +967,23 @@ def main():
         # In the viewer the robot begins with straight legs, and drops by 2 cm
         write_text(out / "robot.xml", mujoco_xml(ROBOT, 0.45))
         print(f"python -m mujoco.viewer --mjcf={out / 'robot.xml'}   shows the robot")
-    standing = stance(ROBOT, SIMULATORS[args.sim].planar)
+    simulator = SIMULATORS[args.sim]
+    torso, joints = standing = stance(ROBOT, simulator.planar)
     leans = np.linspace(0.25, 0.35, 101)  # [rad]
-    joints = np.tile(standing[1], (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
+    targets = np.tile(joints, (len(leans), 1201, 1))  # [N, T + 1, 12] for 12 s
     # Stand for a second, lean within eight, then wait: at the smallest lean a fall takes seconds.
     # The feet stay flat, so a negative pitch of both ankles tilts all the rest forward.
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
-    joints[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    sim = SIMULATORS[args.sim](len(leans), standing, ROBOT)
-    robots = np.arange(len(leans))
+    targets[..., [4, 10]] -= leans[:, None, None] * share[:, None]
+    sim, robots = simulator(len(leans), standing, ROBOT), np.arange(len(leans))
     sim.reset(robots)
-    motion = sim.run(robots, Trajectory(joints))
-    if motion.fell[0] or not motion.fell.any():
+    motion = sim.run(robots, Trajectory(targets))
+    i = motion.fell.argmax()  # the first one that fell; 0 also if none did
+    if i == 0:
         raise InputError("the first robot falls, or none does: change the range of `leans`")
-    i = motion.fell.argmax()  # the first one
     print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
-    down = fallen(motion.torso[i], standing[0][2]).argmax()  # [ticks] when the fall counts
+    down = fallen(motion.torso[i], torso[HEIGHT]).argmax()  # [ticks] when the fall counts
     moments = [0, *range(down - 50, down + 1, 10)]  # seven, at first it stands
     torso, joints = motion.torso[i, moments], motion.joints[i, moments]
 
@@ -984,13 +992,10 @@ def main():
     draw_ground(axes, camera, 0.5)
     draw_robots(axes, ROBOT, torso, joints, camera)
     _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
-    axes.plot(right, up, "k.-")
-    axes.axvline(ROBOT.foot_front, color="black", ls=":")
-    axes.text(-0.3, 0.2, "left leg", color=COLORS[LEFT])
-    axes.text(-0.3, 0.1, "right leg", color=COLORS[RIGHT])
-    axes.text(-0.3, up[0], "centre of mass")
-    axes.text(ROBOT.foot_front, 0.05, " above the toes")
-    axes.set_title(f"Before and at the end of a fall: lean {leans[i]:.3f} rad")
+    axes.plot(right, up, "k.-", label="centre of mass")
+    axes.axvline(ROBOT.foot_front, color="black", ls=":", label="above the toes")
+    axes.legend(loc="upper left")
+    axes.set_title(f"A fall: lean {leans[i]:.3f} rad (left leg blue, right leg orange)")
     save_figure(axes.figure, out / "01_robot.png")
     print("Look at", out / "01_robot.png")
 

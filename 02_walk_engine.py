@@ -4,28 +4,35 @@
     python 02_walk_engine.py --mujoco    the same in 3-D
 
 We use the walk engine of the paper, [5]. The swing foot and the trunk move along quintic splines:
-polynomials of degree 5, joined smoothly. Inverse kinematics turns the poses of feet and trunk into
-joint angles. An optimisation has found the parameters. We add three answers to what the IMU
-measures, see `WalkPlan`; in the paper they are future work. A reflex moves the ankles. A capture
-step moves the landing of a foot to where the robot leans. Waiting lets a step take longer. In 3-D
-all three are on. In 2-D the last two gain nothing in walks to a goal, so they are off.
+polynomials of degree 5, joined so that neither speed nor acceleration jumps, since the motors'
+torques would jump with it. Inverse kinematics turns the poses of feet and trunk into joint angles.
+An optimisation has found the parameters.
 
-A double step is a swing of the left foot and then one of the right: see
+We add three answers to what the IMU measures, see `WalkPlan`; of these the paper mentions only the
+last, as future work. A reflex moves the ankles. A capture step moves the landing of a foot to where
+the robot leans. Waiting lets a step take longer. In 3-D all three are on. In 2-D the last two gain
+nothing in walks to a goal, so they are off.
+
+A double step is a swing of the left foot and then one of the right, 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
-its usual place beside the support foot. y and yaw are positive outward. With all zeros the robot
-steps on the spot. With (0.08, 0, 0) for both feet each lands 0.08 m ahead of the other: a double
-step moves the robot by 0.16 m. The first one moves it by 0.12 m, since the feet start side by side.
-With (0, 0.06, 0) for the left and zeros for the right foot it moves 0.06 m to the left.
+its usual place beside the support foot. y and yaw are positive outward.
+
+    left foot      right foot     the robot
+    (0, 0, 0)      (0, 0, 0)      steps on the spot
+    (0, 0.06, 0)   (0, 0, 0)      moves 0.06 m to the left
+    (0.08, 0, 0)   (0.08, 0, 0)   moves 0.16 m ahead: each foot lands 0.08 m ahead of the other one
+                                  (the first time 0.12 m, since the feet start side by side)
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
-where it ended. It draws `runs/<sim>/02_plan.png` and `02_push.png`. The planar robot ends within
-1.4 cm of the command. The robot in 3-D misses it by up to 0.14 m and 0.17 rad, and a planner has to
-correct this. Dry friction holds its motors, which are springs, back: in 02_plan.png the swing foot
-rises less than planned.
+where it ended. The planar robot misses this by up to 1.4 cm, the robot in 3-D by up to 0.14 m and
+0.17 rad, and a planner has to correct this. `runs/<sim>/02_plan.png` shows the second double step
+of a walk. In 3-D all of the robot is 2 cm beside its plan, because the first one has drifted. The
+feet rise less than planned: motors are springs, which back-EMF and dry friction hold back, and the
+torso sinks by 5 mm.
 
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
-walk three times: without any answer (in open loop), with the reflex, with all three answers. How
-many fall each time? Guess this, and how far the robot sways from side to side:
+walk three times: without any answer (in open loop), with the reflex, with capture steps, too
+(`02_push.png`). How many fall each time? Guess this, and how far the robot sways from side to side:
 `tests/exercises/predict.md`, *capture* and *sway*, has the answers.
 
 Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
@@ -39,10 +46,10 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 
 import numpy as np
+from matplotlib.figure import Figure
 
 # A module name may not start with a digit in an import statement, hence import_module.
 robot_model = import_module("01_robot_model")
-Figure = robot_model.Figure
 LEFT, RIGHT, GROUND = robot_model.LEFT, robot_model.RIGHT, robot_model.GROUND
 compose = robot_model.compose
 
@@ -61,8 +68,8 @@ class WalkParameters:
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     trunk_swing: float = 0.0  # [-] sideways: share of the distance from middle to support foot
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
-    reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`; ours
-    # How a double step answers a lean, see below; ours. With capture = wait = 0 the reflex is left.
+    # How a double step answers a push, see below; ours. With capture = wait = 0 the reflex is left.
+    reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
     usual_lean: float = 0.04  # [rad] smaller leans are usual in a calm walk, and not answered
     follow: float = 0.3  # [-] in a tick a swing foot goes this share of the way to its answer
@@ -92,13 +99,15 @@ class WalkEngine:
         self.stance = robot_model.stance(  # torso, joints
             robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
         )
-        # Where each foot usually is, seen from the other one: left, right  [2, 3]
+        # The usual place of each foot, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.foot_poses = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # Trunk [N, 6, 3]: x, y, z, roll, pitch, yaw; of each of them position, velocity,
-        # acceleration. (Its height is constant.)
+        # x, y, z, roll, pitch, yaw; of each of them position, velocity, acceleration. (The height is
+        # constant.)
         self.trunk_state = np.zeros((num_robots, 6, 3))
-        self.answer = np.zeros((num_robots, 2, 3))  # of both feet to a push, see `capture_step`
+        # What each leg answers to a lean, see `capture_step`. It outlives a plan, because a standing
+        # foot keeps its answer.
+        self.answer = np.zeros((num_robots, 2, 3))
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
@@ -121,7 +130,7 @@ class WalkEngine:
         return left, compose(left, steps[:, RIGHT])
 
     def plan(self, footsteps, robots):
-        """The WalkPlan of the next double step of these robots [n]. The engine takes it as done:
+        """The WalkPlan of the next double step of these robots [n]. The engine counts it as done:
         the next plan begins where this one ends, wherever the robot then is.
 
         footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive.
@@ -147,7 +156,7 @@ class WalkEngine:
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
         change = self.parameters.half_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), self.period_ticks + 1, 2, 4))
-        ground = [0, 1, 3]  # x, y, yaw; z stays 0 where a foot stands
+        ground = [0, 1, 3]  # x, y, yaw of a foot on its way; z stays 0 where it stands
         feet[:, : change + 1, LEFT] = self._swing(left, new_left)
         feet[:, change:, LEFT, ground] = new_left[:, None]
         feet[:, :change, RIGHT, ground] = right[:, None]
@@ -217,8 +226,8 @@ class WalkEngine:
         return foot
 
 
-# In 2-D found by a search for speed on 2026-11-26 (half_ticks was given). In 3-D it is the best of
-# the three searches for few points by `tests/studies/walk.py --tune`, of 2026-11-28.
+# In 3-D found by `python tests/studies/walk.py --tune --mujoco` on 2026-11-28, in 2-D by a search for
+# speed on 2026-11-26 (half_ticks was given).
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
@@ -231,7 +240,7 @@ TUNED = {
         trunk_x_offset=-0.001,
         reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
     ),
-    "mujoco": WalkParameters(  # all found by `python tests/studies/walk.py --tune --mujoco`
+    "mujoco": WalkParameters(
         half_ticks=30,
         double_support=0.0097,
         foot_distance=0.1641,
@@ -280,34 +289,38 @@ def polynomial(c, t, order=0):
 
 
 # ------------------------------------------------------------------------ answers to a push
-def capture_step(error, lean_over_support, swings, old, p):
-    """Returns each foot's answer to a lean, [n, 2, 3]: a shift of its landing to the left [m], and
-    the roll and pitch [rad] that its leg adds to those of the planned trunk. (These move it, too.)
+def capture_step(lean, lean_over_support, swings, old, p):
+    r"""Returns what each leg answers to a lean, [n, 2, 3]: a shift of its landing to the left [m], and
+    the roll and pitch [rad] by which it takes the trunk to lean more than planned.
 
-    error [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: its roll, positive
-    towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or right, double
-    support included; old [n, 2, 3]: the answer of the last tick.
+    lean [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: the roll's part of
+    it, positive towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or
+    right, double support included; old [n, 2, 3]: the answer of the last tick.
 
-    A push makes the robot lean as a whole. Let e be what we answer: the error beyond ± usual_lean,
-    times `capture`. Then the trunk, at the height h, is h·e from its plan, and the swing foot
-    should land h·e farther, where it leans. Seen from behind, with the trunk T, the feet L and R:
+    Seen from behind, with the trunk T, the swing foot L and the support foot R:
 
-        as planned                          L · · · T · · · R
-        the robot leans to the left         L · T · · · · · R      T is h·e left of its plan
-        the left foot lands farther     L · · · T · · · · · R      T is as far from L as planned
+            as planned         leans, no answer        leans, with answer
 
-    For this the inverse kinematics gets the planned trunk, leaning by e more. It places the feet
-    relative to the trunk. In truth the lean has also moved the trunk by h·e, so the foot moves with
-    it, and its sole stays nearly level. (The trunk's speed is not answered.) If the robot leans
-    over the support foot, such a landing would bring the feet close together. So there the foot is
-    moved back by h·e, to where it was planned."""
-    e = p.capture * (error - np.clip(error, -p.usual_lean, p.usual_lean))  # [n, 2]
-    # y = h·e moves the landing to the left. (A positive roll leans to the right.)
-    y_back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]
-    wanted = np.column_stack([y_back, e])[:, None]  # [n, 1, 3]
-    # The tilt is noisy, so a swing foot goes only a share of the distance in a tick. The answer of
-    # a standing foot fades slowly: a quick return would tip the robot.
-    return np.where(swings[..., None], old + p.follow * (wanted - old), (1 - p.fade) * old)
+                T                  T                         T
+               / \                 | \                      /  \
+              /   \               |    \                   /     \
+             L     R              L     R               L        R
+
+    A push tilts the whole robot by `lean` about the support foot: the trunk, at the height h, moves
+    by h·lean. The legs turn with it, so L would land as far from R as planned. A leg that takes the
+    trunk to lean by e more puts its foot h·e farther to where the robot leans. (Its sole is tilted
+    by lean − e only.) e is `capture` times the lean beyond ± usual_lean. If the robot leans over
+    the support foot, this would bring the feet together, so there the landing is shifted back by
+    h·e. How fast the robot tilts is not answered."""
+    e = p.capture * (lean - np.clip(lean, -p.usual_lean, p.usual_lean))  # [n, 2]
+    # A positive roll leans to the right, so h·e is a shift back to the left.
+    back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]
+    wanted = np.column_stack([back, e])[:, None]  # [n, 1, 3]
+    # The tilt is noisy, so a swing foot goes only a share of the way in a tick.
+    swing = old + p.follow * (wanted - old)
+    # The answer of a standing foot fades slowly: a quick return would tip the robot.
+    stand = (1 - p.fade) * old
+    return np.where(swings[..., None], swing, stand)
 
 
 def waiting_pace(lean_over_support, p):
@@ -335,46 +348,46 @@ class WalkPlan:
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
         self.ticks = engine.period_ticks  # T
         self.most_ticks = self.ticks + (p.longest_wait_ticks if p.wait else 0)
-        # [n] ticks of the plan that each robot has done: fewer than have passed, if it waits
+        # [n] ticks of the plan that each robot has done: fewer than have passed, if it waited
         self.progress = np.zeros(len(robots))
 
     def go_on(self, rows, tick, imu):
         """See `Trajectory`."""
-        engine, p = self.engine, self.engine.parameters
-        now = rows, self.progress[rows].astype(int)  # an index pair: robots, samples  [k] each
-        error = imu[:, :2] - self.trunk[now][:, 3:5]  # [k, 2] roll, pitch [rad]
-        swings = engine.swinging(now[1])  # [k, 2]
+        engine, p, robots = self.engine, self.engine.parameters, self.robots[rows]
+        sample = self.progress[rows].astype(int)  # [k] where in the plan each robot is
+        trunk = self.trunk[rows, sample]  # [k, 6]
+        lean = imu[:, :2] - trunk[:, 3:5]  # [k, 2] roll, pitch beyond the plan [rad]
+        swings = engine.swinging(sample)  # [k, 2]
         # A positive roll leans to the right: outward, while the left foot swings
-        lean_over_support = np.where(swings[:, LEFT], 1, -1) * error[:, 0]  # [k]
-        # The plan may be at most 40 ticks (longest_wait_ticks) behind the time: after 60 ticks it
-        # has come to its 20th tick at least, and it ends in time.
-        latest = tick + 1 - (self.most_ticks - self.ticks)
+        lean_over_support = np.where(swings[:, LEFT], 1, -1) * lean[:, 0]  # [k]
+        # Never more than longest_wait_ticks late: then the plan goes on, whatever the lean
+        least = tick + 1 - (self.most_ticks - self.ticks)
         pace = waiting_pace(lean_over_support, p)
-        progress = np.clip(self.progress[rows] + pace, latest, self.ticks)
-        self.progress[rows] = progress
-        then = rows, progress.astype(int)
-        robots = self.robots[rows]
-        answer = capture_step(error, lean_over_support, swings, engine.answer[robots], p)
+        self.progress[rows] = np.clip(self.progress[rows] + pace, least, self.ticks)
+        next_sample = self.progress[rows].astype(int)
+        next_trunk, feet = self.trunk[rows, next_sample], self.feet[rows, next_sample]
+        answer = capture_step(lean, lean_over_support, swings, engine.answer[robots], p)
         engine.answer[robots] = answer  # [k, 2, 3]
-        # The trunk as each leg takes it to be, and the feet  [k, 2, 6 or 4]
-        trunks = self.trunk[then][:, None].repeat(2, 1)
-        trunks[..., 3:5] += answer[..., 1:]
-        feet = self.feet[then]
-        feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], trunks[..., 5])  # sideways
-        joints = robot_model.body_inverse(engine.robot, trunks, feet, engine.planar)
+        # The inverse kinematics gets a trunk for each leg: where it is planned, but leaning by what
+        # this leg answers. It is not where the trunk is, and that is how the foot lands elsewhere.
+        trunk_of_leg = next_trunk[:, None].repeat(2, 1)  # [k, 2, 6]
+        trunk_of_leg[..., 3:5] += answer[..., 1:]
+        # And the landing is shifted to the left of the trunk  [k, 2, 2]
+        feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], trunk_of_leg[..., 5])
+        joints = robot_model.body_inverse(engine.robot, trunk_of_leg, feet, engine.planar)
         # The planned change of the trunk in this tick: of roll and pitch, and on the floor
-        planned = (self.trunk[then] - self.trunk[now])[:, 3:5] / engine.robot.control_dt  # [k, 2]
-        move = robot_model.relative(self.trunk[now][:, GROUND], self.trunk[then][:, GROUND])
-        return joints + reflex(imu[:, 2:] - planned, swings, p), move
+        planned_rates = (next_trunk - trunk)[:, 3:5] / engine.robot.control_dt  # [k, 2]
+        move = robot_model.relative(trunk[:, GROUND], next_trunk[:, GROUND])  # [k, 3]
+        return joints + reflex(imu[:, 2:] - planned_rates, swings, p), move
 
 
-def reflex(error, swings, p):
+def reflex(rate_error, swings, p):
     """Returns what is added to the joint targets, [n, 12] [rad].
-    error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which foot
-    swings. If the torso turns forward faster than planned, the toes of the support foot are turned
+    rate_error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which
+    foot swings. If the torso turns forward faster than planned, the toes of the support foot are turned
     down. They press on the floor, which brakes the turn."""
     # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
-    turn = np.clip(p.reflex * error, -REFLEX_LIMIT, REFLEX_LIMIT)  # [n, 2]
+    turn = np.clip(p.reflex * rate_error, -REFLEX_LIMIT, REFLEX_LIMIT)  # [n, 2]
     added = np.zeros((*swings.shape, 6))  # [n, 2, 6]
     # Roll and pitch of the ankle of the foot that does not swing
     added[..., 5] = ~swings * turn[:, :1]
@@ -400,21 +413,21 @@ def walkers(sim, num_robots, parameters=None, robot=robot_model.ROBOT):
 def walk_plans(
     sim, parameters, footsteps, body=None, disturb=None, watch=None, robot=robot_model.ROBOT
 ):
-    """Lets N robots, which differ from the model by `body`, walk K double steps [N, K, 2, 3].
-    Returns torso poses [N, K + 1, 3], commanded ones [N, K + 1, 3] (yaws unwrapped; both begin at
-    the origin), and in which double step each robot fell [N] (K: it did not fall). Where it fell a
-    robot stays. Before double step k disturb(k, disturbance, robots) may change the Disturbance of
-    these robots [n]. After it watch(engine, plan, motion) is called."""
+    """Lets N robots, which differ from the model by `body`, walk S double steps [N, S, 2, 3].
+    Returns torso poses [N, S + 1, 3], commanded ones [N, S + 1, 3] (yaws unwrapped; both begin at
+    the origin), and in which double step each robot fell [N] (S: it did not fall). It stays where
+    it is at the end of this double step. Before double step k disturb(k, disturbance, robots) may
+    change the Disturbance of these robots [n]. After it watch(engine, plan, motion) is called."""
     footsteps = np.asarray(footsteps)
-    n, count = footsteps.shape[:2]
+    n, count = footsteps.shape[:2]  # N, S
     engine, simulator = walkers(sim, n, parameters, robot)
     simulator.reset(np.arange(n), body)
     poses = np.zeros((n, count + 1, 3))
     commanded = poses.copy()
-    fall = np.full(n, count)
+    fall_step = np.full(n, count)
     offset = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
     for k in range(count):
-        up = np.flatnonzero(fall == count)
+        up = np.flatnonzero(fall_step == count)
         if not len(up):
             break
         plan = engine.plan(footsteps[up, k], up)
@@ -424,11 +437,11 @@ def walk_plans(
         motion = simulator.run(up, plan, disturbance)
         poses[up, k + 1 :] = motion.torso[:, -1:, GROUND]
         commanded[:, k + 1 :] = compose(engine.foot_poses.mean(1), offset)[:, None] - offset
-        fall[up[motion.fell]] = k
+        fall_step[up[motion.fell]] = k
         if watch:
             watch(engine, plan, motion)
     poses[..., 2] = np.unwrap(poses[..., 2])
-    return poses, commanded, fall
+    return poses, commanded, fall_step
 
 
 # ------------------------------------------------------------------------ demonstration
@@ -461,23 +474,24 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
             tilts[i] += [*measured[:ticks]]
 
     steps = [[WALKS["forward"]] * 10] * count
-    _, _, fall = walk_plans(sim, parameters, steps, None, disturb, watch, robot)
-    return tilts, fall < 10
+    _, _, fall_step = walk_plans(sim, parameters, steps, None, disturb, watch, robot)
+    return tilts, fall_step < 10
 
 
 def plot_push(pushes, engine, path):
-    """Draws the tilt of all robots over time, a panel for each answer; pushes: what `pushed`
-    returns, by the answer's name; engine: of robots that walked like these."""
+    """Draws the tilt of all robots over time, to a fall at 45°, a panel for each answer; pushes:
+    what `pushed` returns, by the answer's name; engine: of robots that walked like these."""
     panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
-        panel.axhspan(45, 60, color="tab:red", alpha=0.4)
+        panel.axhline(45, color="tab:red")
         for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
-            time = np.arange(len(tilt)) * engine.robot.control_dt
-            panel.plot(time, np.degrees(tilt), color=color, lw=0.9)
+            degrees = np.degrees(tilt)
+            degrees = degrees[np.maximum.accumulate(degrees) < 45]  # what follows is no walk
+            panel.plot(np.arange(len(degrees)) * engine.robot.control_dt, degrees, color=color)
         title = f"{name}:\n{fell.sum()} of {len(fell)} fall"
-        panel.set(title=title, xlabel="time [s], grey: pushes", ylim=(0, 60))
-        panel.text(0, 47, "fallen: 45°")
+        panel.set(title=title, xlabel="time [s], grey: pushes")
+        panel.text(3.5, 42, "fallen: 45°")
     panels[0].set_ylabel("tilt of the torso [°]")
     robot_model.save_figure(panels[0].figure, path)
 
@@ -503,9 +517,9 @@ def plot_plan(engine, plan, motion, path):
         axis.axvline(engine.step_time, color="0.7")
         axis.set(title=title, xlabel="time [s]")
     axes[2].set_ylim(-0.01, 0.05)
-    names = "left foot", "right foot", "trunk: torso"
+    names = "left foot", "right foot", "trunk (plan), torso (simulated)"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle("Solid: the plan. Dashed: simulated (in 2-D the legs cannot spread)")
+    figure.suptitle("Solid: the plan. Dashed: simulated (in 2-D both legs stay below the hips)")
     robot_model.save_figure(figure, path)
 
 
@@ -522,20 +536,20 @@ def main():
         motion = simulator.run([0], plan)
     plot_plan(engine, plan, motion, out / "02_plan.png")
 
-    plans = [[double_step] * 8 for double_step in WALKS.values()]  # [4, K, 2, 3]
-    poses, commanded, fall = walk_plans(sim, parameters, plans)
+    footsteps = [[double_step] * 8 for double_step in WALKS.values()]  # [4, S, 2, 3]
+    poses, commanded, fall_step = walk_plans(sim, parameters, footsteps)
     print("walk           commanded x, y [m], yaw [rad]   walked               fell")
-    for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall):
+    for name, a, b, when in zip(WALKS, commanded[:, -1], poses[:, -1], fall_step):
         print(
             f"{name:14s} {a[0]:5.2f} {a[1]:5.2f} {a[2]:5.2f}               "
             f"{b[0]:5.2f} {b[1]:5.2f} {b[2]:5.2f}    {'yes' if when < 8 else 'no'}"
         )
     pushes, speed = {}, 0.8 if engine.planar else 0.7  # [m/s]
-    reflex = replace(parameters, capture=0.0, wait=0.0)
+    only_reflex = replace(parameters, capture=0.0, wait=0.0)
     answers = {
-        "open loop": replace(reflex, reflex=0.0),
-        "reflex": reflex,
-        "reflex, steps and waiting": replace(parameters, capture=1, wait=10),
+        "open loop": replace(only_reflex, reflex=0.0),
+        "reflex": only_reflex,
+        "reflex and capture steps": replace(only_reflex, capture=1.0),
     }
     for name, settings in answers.items():
         _, fell = pushes[name] = pushed(sim, settings, speed)

@@ -1,9 +1,7 @@
 """Stage 1, checked against physics. A failing test names the likely mistake."""
 
-import copy
 import math
 import os
-import pickle
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -734,7 +732,7 @@ def test_a_delayed_robot_moves_as_one_that_is_sent_the_mixture_of_two_targets(si
     given[:, 0] = stance(sim)[1]  # at first it stands
     sent = given + body.zero[:, None]
     sent[0, 1:], sent[1, 1:] = sent[0, :-1], (sent[1, :-1] + sent[1, 1:]) / 2
-    simulator.sent[2:] = sent[:, 0]
+    simulator.last_sent[2:] = sent[:, 0]
     joints = np.concatenate([given, sent])
     for k in 0, 20:  # two runs
         torso = run(simulator, Moving(joints[:, k : k + 21])).torso
@@ -818,15 +816,6 @@ def test_a_reset_builds_each_robot_once_and_nothing_else_does(sim):
             assert build.call_count == count, f"{build.call_count} builds up to a reset of {robots}"
 
 
-@BOTH
-@pytest.mark.parametrize("copied", [copy.deepcopy, lambda of: pickle.loads(pickle.dumps(of))])
-def test_a_copy_of_standing_robots_moves_like_its_original(sim, copied):
-    simulator = make_sim(sim, 2)
-    twin = copied(simulator)
-    got, want = (ends(run(one, leaning(sim, [0.1, 0.2], 0.3))) for one in (twin, simulator))
-    close(got, want, "a part of the copy stands elsewhere, or moves what the original has")
-
-
 def test_a_robot_is_painted_from_the_farthest_limb_to_the_nearest_one():
     axes, (torso, joints) = robot_model.Figure().subplots(), stance("mujoco")
     from_its_right = robot_model.camera_at(-90, 0)
@@ -861,6 +850,16 @@ def test_a_file_is_there_as_a_whole_or_as_it_was(tmp_path, monkeypatch):
     robot_model.atomic_write(path, write)
     assert path.read_text() == "new" and [*tmp_path.iterdir()] == [path], "no rest"
     assert used[0] != used[1], "two processes that write one file would mix"
+
+
+def test_what_cannot_be_written_is_told_in_the_words_of_who_failed(tmp_path):
+    """matplotlib without LaTeX, and PyTorch on a full disk, raise a RuntimeError."""
+    no_latex = mock.Mock(side_effect=RuntimeError("latex could not be found"))
+    with pytest.raises(robot_model.InputError, match="picture.png: latex could not be found"):
+        robot_model.atomic_write(tmp_path / "picture.png", no_latex)
+    bug = mock.Mock(side_effect=ValueError("of a student"))
+    with pytest.raises(ValueError, match="of a student"):
+        robot_model.atomic_write(tmp_path / "picture.png", bug)
 
 
 def test_a_read_only_disk_is_one_line(tmp_path):

@@ -143,15 +143,6 @@ def test_a_stage_leaves_the_settings_of_a_notebook_alone():
 
 
 @pytest.mark.slow
-def test_the_backend_of_a_notebook_may_be_missing():
-    """`!.venv/bin/python 01_robot_model.py` in a cell passes on what the notebook draws with."""
-    done = python(
-        "01_robot_model.py", "--help", MPLBACKEND="module://matplotlib_inline.backend_inline"
-    )
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
 def test_an_import_changes_nothing_in_its_surroundings():
     code = (
         "import os, torch; torch.set_num_threads(2); before = {**os.environ}; __import__('05_evaluate'); "
