@@ -50,7 +50,7 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
     joints          those of the left leg first, then the right one's, each in the table's order
     trunk, torso    the same part: the trunk is where it is commanded to be, the torso where it is
     tick            10 ms of control: every motor gets a new target
-    [N, n, k, …]    shapes: N all robots; n those that are asked for; k those of them that still walk
+    [N, n, k, …]    shapes: N all robots; n some of them; k those whose double step is not done
     [T, K, S, …]    T ticks; K moments; S double steps
     robots, rows    which of all N robots; which rows of an array [n, …]
 
@@ -87,8 +87,8 @@ SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the pl
 #   state                 [21]    torso; twelve joints; rates of roll, pitch, yaw [rad/s]
 #   foot on the floor     [3]     x, y, yaw
 #   foot on its way       [4]     x, y, z of the point of the sole below the ankle; yaw
-#   trunk_state           [6, 3]  of each of the trunk's six numbers: position, velocity, acceleration
-#   answer to a lean      [3]     of a leg: a shift to the left; roll, pitch   (see stage 2)
+#   trunk_state           [6, 3]  of each number of the trunk: position, velocity, acceleration
+#   answer to a lean      [3]     of a leg: a shift to the left; roll, pitch
 # Columns of a torso's pose, and of a state:
 GROUND = [0, 1, 5]  # x, y, yaw
 HEIGHT = 2
@@ -174,9 +174,8 @@ class Trajectory:
 
     def __init__(self, joints):
         self.joints = joints  # [n, T + 1, 12] [rad] sample t: after t ticks; sample 0: the stance
-        self.ticks = self.most_ticks = (
-            joints.shape[1] - 1
-        )  # T (stage 2: a plan may wait, to most_ticks)
+        # T. (A plan that can wait, see stage 2, may take more than `ticks`: up to `most_ticks`.)
+        self.ticks = self.most_ticks = joints.shape[1] - 1
         self.progress = np.zeros(len(joints))  # [n] ticks of the plan that each robot has done
 
     def go_on(self, rows, tick, imu):
@@ -434,10 +433,10 @@ class Disturbance:
 #
 #     engine.plan(footsteps [n, 2, 3])  ──►  plan: trunk [n, T + 1, 6], feet [n, T + 1, 2, 4]
 #
-#     state [n, 21]  ──►  imu [k, 4]  ──►  plan.go_on:  lean  ──►  capture_step  ──►  body_inverse
-#         ▲                                                             + reflex at the ankles
-#         │                                                                       │
-#     advance: 2 physics steps  ◄──  targets [k, 2, 12]  ◄──  delay  ◄──  target [k, 12]
+#     state [n, 21] ──► imu [k, 4] ──► plan.go_on: lean ──► capture_step ──► body_inverse
+#         ▲                                                                  + reflex at the ankles
+#         │                                                                        │
+#     advance: 2 physics steps ◄── targets [k, 2, 12] ◄── delay, zeros ◄── target [k, 12]
 class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
@@ -448,8 +447,8 @@ class Simulator:
                            simulates a control tick and returns the states after it [n, 21]
 
     where targets [n, 2, 12] are the joint targets at the beginning and at the end of the tick [rad]
-    (MuJoCo takes the latter only), push [n, 2] is the force on the torso [N], and move [n, 3] is how
-    the trunk should move, see `Trajectory.go_on`. SIMULATORS names the classes."""
+    (MuJoCo takes the latter only), push [n, 2] is the force on the torso [N], and move [n, 3] is
+    how the trunk should move, see `Trajectory.go_on`. SIMULATORS names the classes."""
 
     planar = False  # do the robots live in the sagittal plane?
 
@@ -485,9 +484,11 @@ class Simulator:
         robots = np.asarray(robots)
         disturbance = disturbance or Disturbance.none(plan)
         states, ticks, fell = [], np.zeros(len(robots), int), np.zeros(len(robots), bool)
-        while (plan.progress < plan.ticks).any():
-            rows, tick = np.flatnonzero(plan.progress < plan.ticks), len(states)
-            walking = robots[rows]  # [k] whose plan is not done
+        for tick in range(plan.most_ticks):
+            rows = np.flatnonzero(plan.progress < plan.ticks)  # [k] whose plan is not done
+            if not len(rows):
+                break
+            walking = robots[rows]
             imu = self.imu(walking) + disturbance.imu[rows, tick]
             target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
             # sent = target + delay·(last target − target): 0 no delay, 1 a tick. (A delay between

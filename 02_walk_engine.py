@@ -13,7 +13,7 @@ last, as future work. A reflex moves the ankles. A capture step moves the landin
 the robot leans. Waiting lets a step take longer. In 3-D all three are on. In 2-D the last two gain
 nothing in walks to a goal, so they are off.
 
-A double step is a swing of the left foot and then one of the right, 0.3 s each: see
+A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
 its usual place beside the support foot. y and yaw are positive outward.
 
@@ -102,11 +102,9 @@ class WalkEngine:
         # The usual place of each foot, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.foot_poses = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # x, y, z, roll, pitch, yaw; of each of them position, velocity, acceleration. (The height is
-        # constant.)
+        # Of x, y, z, roll, pitch, yaw: position, velocity, acceleration. (z is constant.)
         self.trunk_state = np.zeros((num_robots, 6, 3))
-        # What each leg answers to a lean, see `capture_step`. It outlives a plan, because a standing
-        # foot keeps its answer.
+        # Of each leg to a lean, see `capture_step`. It outlives a plan: a standing foot keeps it.
         self.answer = np.zeros((num_robots, 2, 3))
         self.reset(np.arange(num_robots))
 
@@ -226,8 +224,8 @@ class WalkEngine:
         return foot
 
 
-# In 3-D found by `python tests/studies/walk.py --tune --mujoco` on 2026-11-28, in 2-D by a search for
-# speed on 2026-11-26 (half_ticks was given).
+# In 3-D found by `python tests/studies/walk.py --tune --mujoco` on 2026-11-28, in 2-D by a search
+# for speed on 2026-11-26 (half_ticks was given).
 TUNED = {
     "pymunk": WalkParameters(
         half_ticks=31,
@@ -290,8 +288,8 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(lean, lean_over_support, swings, old, p):
-    r"""Returns what each leg answers to a lean, [n, 2, 3]: a shift of its landing to the left [m], and
-    the roll and pitch [rad] by which it takes the trunk to lean more than planned.
+    r"""Returns what each leg answers to a lean, [n, 2, 3]: a shift of its landing to the left [m],
+    and by which roll and pitch [rad] it takes the trunk to lean more than planned.
 
     lean [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: the roll's part of
     it, positive towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or
@@ -384,8 +382,8 @@ class WalkPlan:
 def reflex(rate_error, swings, p):
     """Returns what is added to the joint targets, [n, 12] [rad].
     rate_error [n, 2]: measured − planned rates of roll and pitch [rad/s]; swings [n, 2] bool: which
-    foot swings. If the torso turns forward faster than planned, the toes of the support foot are turned
-    down. They press on the floor, which brakes the turn."""
+    foot swings. If the torso turns forward faster than planned, the toes of the support foot are
+    turned down. They press on the floor, which brakes the turn."""
     # added = gain·(measured rate − planned rate), at most ± REFLEX_LIMIT; gain [s]
     turn = np.clip(p.reflex * rate_error, -REFLEX_LIMIT, REFLEX_LIMIT)  # [n, 2]
     added = np.zeros((*swings.shape, 6))  # [n, 2, 6]
