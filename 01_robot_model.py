@@ -12,10 +12,11 @@ sagittal plane, the one that is seen from its side, and six joints are left: it 
 up, and stands, slips and falls as the physics says, but sidesteps and turns are as commanded. This
 is the planar robot.
 
-101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. Which
-is the first to fall? `runs/<sim>/01_robot.png` shows it. Predict its lean, as
-`tests/exercises/predict.md`, *lean*, shows. The robot has a mass of 6.1 kg, and while it stands its
-centre of mass is 0.38 m above the floor.
+101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. What
+is the smallest lean with which one falls? `runs/<sim>/01_robot.png` shows this robot. Predict the
+lean, as `tests/exercises/predict.md`, *lean*, shows. The robot has a mass of 6.1 kg, and while it
+stands its centre of mass is h = 0.38 m above the floor. So, as a pendulum on its head, it tips over
+with ω = √(g/h) = 5.1/s: a small lean grows e-fold in 0.2 s.
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
 (from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
@@ -45,14 +46,15 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
     ankle pitch       y     lowers the toes
     ankle roll        x     lifts the left edge of the sole
 
-    x, y, z         forward, left, up [m]
-    roll, pitch, yaw  > 0: the torso leans to the right, leans forward, turns to the left [rad]
-    joints          those of the left leg first, then the right one's, each in the table's order
-    trunk, torso    the same part: the trunk is where it is commanded to be, the torso where it is
-    tick            10 ms of control: every motor gets a new target
-    [N, n, k, …]    shapes: N all robots; n some of them; k those whose double step is not done
-    [T, K, S, …]    T ticks; K moments; S double steps
-    robots, rows    which of all N robots; which rows of an array [n, …]
+    x, y, z            forward, left, up [m]
+    angles             [rad], positive by the right-hand rule: the thumb points along the axis
+    roll, pitch, yaw   positive: the torso leans to the right, leans forward, turns to the left
+    joints             of the left leg first, then of the right one, each in the table's order
+    trunk, torso       the same part: the trunk is where it is commanded to be, the torso where it is
+    tick               10 ms of control: every motor gets a new target
+    [N, n, k, …]       shapes: N all robots; n some of them; k those whose double step is not done
+    [T, K, S, …]       T ticks; K moments; S double steps
+    robots, rows       which of all N robots; which rows of an array [n, …]
 
 The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
 torso's tilt and turning rates. Left out: all other sensors, arms and head (their mass is in the

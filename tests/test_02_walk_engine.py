@@ -459,6 +459,18 @@ def test_a_plan_that_is_followed_is_drawn_twice_at_the_same_place(monkeypatch):
             close(measured.get_xydata(), wished.get_xydata()[1:], hint)
 
 
+def test_a_tilt_is_drawn_until_the_robot_has_fallen(monkeypatch):
+    """Near 90° roll and pitch turn over: a robot that lies would seem to stand up."""
+    shown = []
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: shown.append(figure))
+    stands, falls = np.full(5, 0.1), np.array([0.1, 0.5, 1.5, 0.2, 0.1])  # [rad]
+    walked = [stands, falls], np.array([False, True])
+    walk_engine.plot_push({"reflex": walked, "again": walked}, make_engine("mujoco"), "")
+    lines = [line.get_ydata() for line in shown[0].axes[0].lines]
+    for want in stands, falls[:2]:
+        assert any(np.array_equal(line, np.degrees(want)) for line in lines), "up to 45°, no more"
+
+
 def test_highest_speed_ignores_everything_beyond_the_first_fall():
     walk = import_module("walk")  # of tests/studies, or a student's
     levels, count = walk.LEVELS, len(walk.PATTERN)
