@@ -250,8 +250,7 @@ def fallen(torso, standing_height):
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
     points, turns = body_frames(robot, torso, joints)
-    leg = [robot.hip, robot.thigh, robot.shin, robot.foot]
-    links = [robot.torso, *leg, *leg]
+    links = [robot.torso] + 2 * [robot.hip, robot.thigh, robot.shin, robot.foot]
     coms = np.array([link.com for link in links])
     coms[5:, 1] *= -1  # outward: on the right side to the right
     centres = points + apply(turns, coms)  # [K, 9, 3]
@@ -352,7 +351,7 @@ def leg_inverse(robot, position, foot_turn):
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
     # inner angle is π − knee: knee = 0 is a straight leg.) Of ±knee we take the positive. A longer
     # r is cut to a straight leg, a shorter one to the most that the knee bends.
-    r_squared = rx**2 + ry**2 + rz**2
+    r_squared = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
     cos_knee = (r_squared - thigh**2 - shin**2) / (2 * thigh * shin)
     knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
@@ -691,8 +690,7 @@ def planar_links(robot):
     # distance d the second terms are m₁·m₂ / (m₁ + m₂)·d².
     pitch = torso.inertia[1] + 2 * hip.inertia[1] + share * torso.mass * (away[::2] ** 2).sum()
     merged = Link(mass, torso.com + share * away, (0, pitch, 0))  # only the pitch's is used
-    leg = [robot.thigh, robot.shin, robot.foot]
-    return [merged, *leg, *leg]
+    return [merged] + 2 * [robot.thigh, robot.shin, robot.foot]
 
 
 class PymunkSim(Simulator):
