@@ -913,7 +913,7 @@ def atomic_write(path, write):
         finally:
             temporary.unlink(missing_ok=True)
     except (OSError, RuntimeError) as error:  # the latter by PyTorch and matplotlib
-        reason = getattr(error, "strerror", error)
+        reason = getattr(error, "strerror", None) or error
         raise InputError(f"cannot write {path}: {reason}") from error
 
 
