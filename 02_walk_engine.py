@@ -482,14 +482,14 @@ def plot_push(pushes, engine, path):
     panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
-        panel.axhline(45, color="tab:red")
+        panel.axhspan(45, 50, color="tab:red", alpha=0.4)
         for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
             degrees = np.degrees(tilt)
             degrees = degrees[np.maximum.accumulate(degrees) < 45]  # what follows is no walk
             panel.plot(np.arange(len(degrees)) * engine.robot.control_dt, degrees, color=color)
         title = f"{name}:\n{fell.sum()} of {len(fell)} fall"
         panel.set(title=title, xlabel="time [s], grey: pushes")
-        panel.text(3.5, 42, "fallen: 45°")
+        panel.text(0, 46, "fallen: 45°")
     panels[0].set_ylabel("tilt of the torso [°]")
     robot_model.save_figure(panels[0].figure, path)
 
