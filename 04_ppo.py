@@ -293,11 +293,9 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
         )
         save_policy(checkpoint, model, **about)
     envs.close()
-    table, header = [list(row.values()) for row in rows], ",".join(rows[0])
-    robot_model.atomic_write(
-        out / "learning_curve.csv",
-        lambda file: np.savetxt(file, table, "%.9g", ",", header=header, comments=""),
-    )
+    lines = [",".join(rows[0])]
+    lines += [",".join(f"{value:.9g}" for value in row.values()) for row in rows]
+    robot_model.write_text(out / "learning_curve.csv", "\n".join(lines) + "\n")
     save_policy(out / "policy.pt", model, **about)
     checkpoint.unlink(missing_ok=True)  # another training into this folder may have ended before
     return model, rows

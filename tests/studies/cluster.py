@@ -79,9 +79,7 @@ class Cluster(env.FootstepVectorEnv):
         try:
             return ray.get(calls)
         except ray.exceptions.RayActorError as error:
-            raise robot_model.InputError(
-                "an actor or its machine is gone: train again"
-            ) from error
+            raise robot_model.InputError("an actor or its machine is gone: train again") from error
 
     def reset(self, *, seed, options=None):
         """See `FootstepVectorEnv.reset`; there are no options."""
