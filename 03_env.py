@@ -299,7 +299,8 @@ def draw_goals(rng, count, task=Task(), far=False):
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization): ± on
     every number of the field of the same name in the Body of stage 1, each uniform and independent.
-    All zeros: the model itself. Sizes: our choice."""
+    All zeros: the model itself. Sizes: our choice. (Random numbers are drawn in the order of the
+    fields, so another order gives other episodes.)"""
 
     friction: float = 0.3  # [-] on μ
     mass: float = 0.10  # [-] on the factors of every link's mass and inertia
@@ -795,8 +796,7 @@ def main():
         "random": lambda view: rng.random((envs.num_envs, 6)),
         "hand-written": lambda view: hand_written(view.goal, limits),
     }
-    seconds = steps * envs.world.engine.period
-    print(f"\n{envs.num_envs} robots, {steps} double steps ({seconds:.0f} s) each")
+    print(f"\n{envs.num_envs} robots, {steps} double steps each")
     for name, act in planners.items():
         envs.reset(seed=seed)
         bar = tqdm(range(steps), name, leave=False)

@@ -138,8 +138,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
                      V of its LAST observation stands for the rest ("bootstrapping"), never V of the
                      next episode's first one. A 0 would teach that what leads there is worthless.
     Where the rollout ends within an episode, V stands for the rest, too."""
-    after = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
-    deltas = rewards + gamma * after - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
+    future = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
+    deltas = rewards + gamma * future - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     goes_on = ~(terminated | truncated)  # the sum stops at a fall, at the goal AND at a cut-off
     advantages = torch.empty_like(rewards)
     next_advantage = torch.zeros_like(rewards[0])  # [N] A_{t+1}
@@ -194,11 +194,12 @@ def improve(model, optimizer, data, cfg):
             ratio = policy_ratio(model, obs[pick], action[pick], old_log_prob[pick])
             # Â = (A − mean) / std: is an action better or worse than the others in the minibatch?
             # (correction=0 divides by their number: of a single sample std is 0, not nan.)
-            a = advantages[pick]
-            a = (a - a.mean()) / (a.std(correction=0) + 1e-8)
+            chosen = advantages[pick]
+            standardised = (chosen - chosen.mean()) / (chosen.std(correction=0) + 1e-8)
             # L_V = mean (V(s) − target)²;   loss = −L + c_V·L_V
             critic_loss = nn.functional.mse_loss(model.value(obs[pick]), targets[pick])
-            loss = -clipped_objective(ratio, a, cfg.clip).mean() + cfg.value_coef * critic_loss
+            objective = clipped_objective(ratio, standardised, cfg.clip).mean()
+            loss = -objective + cfg.value_coef * critic_loss
             optimizer.zero_grad()
             loss.backward()
             # Both gradients are limited together, so large rewards make the actor's steps short.
