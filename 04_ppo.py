@@ -132,7 +132,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
     λ between 0 (the first of them) and 1 (the last one) lets later δ fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}           so δ 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
 
-    The sum ends with the episode, and so does what counts behind it:
+    The sum stops where an episode ends. What counts behind its end depends on how it ended:
         terminated   (a fall, or the goal) There is no future: V(s_{t+1}) counts as 0.
         truncated    (the time is up) The walk would have gone on, we only stopped recording it. So
                      V of its LAST observation stands for the rest ("bootstrapping"), never V of the
