@@ -3,19 +3,18 @@
 Paper: section II a, b, d, e. One action is one double step. The robot is at the goal if two double
 steps in a row end there; in the paper one is enough.
 
-    python 03_env.py             a random planner, then a hand-written one, in 2-D; 20 seconds
+    python 03_env.py             a random planner, then a hand-written one, in 2-D; 10 seconds
     python 03_env.py --mujoco    the same in 3-D
 
 Both planners get the goals without noise. The stage prints what is observed, what an action is and
 how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel is about noisy goals.
-Predict:
+Predict, then look:
 
-1. Which two of the eight reward terms (`reward_terms`) have the largest positive sums for the
-   hand-written planner, and which have negative sums?
+1. A table is printed of what each of the eight reward terms (`reward_terms`) pays the hand-written
+   planner. Which two have the largest positive sums, and which have negative sums?
 2. A measured x or y has an error with a standard deviation of 5 cm. Let the robot stand still, and
    each measurement have an error of its own. How large is the standard deviation of an estimate
-   from one measurement, from five, from ten? How large is it while the robot walks? (The run shows
-   all answers but the one for standing still.)
+   from one measurement, from five, from ten? How large is it while the robot walks?
 
 A planner chooses the actions. A policy is a planner that is learned: a function from the
 observation to an action. An episode is one walk. At the goal, or after a fall, the task is over:
@@ -45,8 +44,11 @@ Read down to the line of equals signs. Below it are the estimate of the goal, wh
 world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
 """
 
+import sys
+from collections import namedtuple
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
 
 import gymnasium as gym
 import numpy as np
@@ -55,7 +57,7 @@ from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
-wrap = robot_model.wrap
+wrap, InputError = robot_model.wrap, robot_model.InputError
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,20 @@ LIMITS = {
     "mujoco": StepLimits(low=(-0.12, -0.04, -0.30), high=(0.14, 0.18, 0.50)),
 }
 
-# The observation: name, unit (what an observation of 1 means), low, high. d: distance to the goal;
-# α: the goal's yaw, β: the direction to the goal, both as seen from the robot (paper, Fig. 2; the
-# encoding is ours). "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster
-# than d. Of a goal beyond 2 m (7 % in training) a policy sees little but the direction and the yaw.
-# What a double step does also depends on how the body moves when it begins. No planner sees that;
-# the last action stands in for it.
+# The observation, seen from above (paper, Fig. 2; the encoding is ours):
+#
+#                    / the goal's yaw
+#                   /  ) α
+#             goal o- - - - - -
+#                 .
+#            d  .                        d: the distance to the goal
+#             .   ) β                    β: the direction to the goal, from straight ahead
+#     robot >- - - - - - - - - ahead     α: the goal's yaw, from straight ahead
+#
+# "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster than d. Of a goal
+# beyond 2 m (7 % in training) a policy sees little but the direction and the yaw. What a double step
+# does also depends on how the body moves when it begins. No planner sees that; the last action
+# stands in for it. Each row: name, unit (what an observation of 1 means), low, high.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -182,8 +192,8 @@ def margin_at_rest(after, closing_step, task):
     """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge,
     negative outside. A robot that arrives still closes its feet, which moves it on by about 1 cm.
 
-    after [n, 3]: the goal seen from the robot after a double step; closing_step [n, 3]: as by
-    `WalkEngine` of stage 2."""
+    after [n, 3]: the goal seen from the robot after a double step; closing_step [n, 3]: how closing
+    the feet moves it."""
     d, alpha, _ = polar(robot_model.relative(closing_step, after))  # of the goal as seen at rest
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
 
@@ -201,7 +211,7 @@ def reward_terms(
     (`potentials`) after the double step minus the one before it. Without a discount all but the
     ends cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall,
     too, so the farther from the goal the robot falls, the less it was paid (Φ_d = −d). With the
-    discount of stage 4 it also pays to hurry (predict.md, *circle*)."""
+    discount of stage 4 it pays to hurry, and a detour may pay a little (predict.md, *circle*)."""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -220,9 +230,10 @@ def reward_terms(
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the estimate
-# The process noise of the filter [m, m, rad]: standard deviation of the sum of the errors of five
-# equal double steps, ÷ √5. `python tests/studies/walk.py` prints about these numbers. (`--mujoco`
-# in 3-D.) A single double step errs by about half of it. But equal ones in a row err alike.
+# The process noise of the filter [m, m, rad]. In the random walks of `python tests/studies/walk.py`
+# (`--mujoco` in 3-D), five equal double steps end about as far from their plan as five independent
+# errors of this size would take them. (Equal steps err alike. A double step of the shipped policy
+# errs by 0.7 to 0.9 of it, a short one of `hand_written` by about a third.)
 DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0214, 0.0185, 0.1262)}
 
 
@@ -234,7 +245,7 @@ DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0214, 0.0185, 0.1262)}
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
-    [3]: standard deviation of the double step from its plan (the process noise). In m, m, rad."""
+    [3]: standard deviation of the process noise, see DRIFT. In m, m, rad."""
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
@@ -288,14 +299,15 @@ def draw_goals(rng, count, task=Task(), far=False):
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization): ± on
     every number of the field of the same name in the Body of stage 1, each uniform and independent.
-    All zeros: the model itself. Sizes: our choice."""
+    All zeros: the model itself. Sizes: our choice. (Random numbers are drawn in the order of the
+    fields, so another order gives other episodes.)"""
 
     friction: float = 0.3  # [-] on μ
     mass: float = 0.10  # [-] on the factors of every link's mass and inertia
     stiffness: float = 0.20  # [-] on the factors of every motor's position gain
     stiction: float = 0.5  # [-] on the factors of every joint's dry friction
     delay: float = 1.0  # [ticks] so from 0 to 1, see `draw`
-    zero: float = 3**0.5 * np.radians(0.5)  # [rad] of every joint: σ = 0.5°
+    zero: float = 3**0.5 * np.radians(0.5)  # [rad] of every joint: ± a has σ = a/√3, here 0.5°
     com: float = 0.01  # [m] on x, y, z of the torso's centre of mass
     gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
 
@@ -326,10 +338,10 @@ def checked(name, value, *shape):
 
 
 # A robot's generator makes others in each episode, one for each purpose:
-# GOAL    where it is                    PUSH   when, and in which direction
-# WORLD   floor and body                 IMU    its errors while the robot walks
-# NOISE   of the measured goal
-GOAL, WORLD, NOISE, PUSH, IMU = range(5)
+# goal    where it is                    push   when, and in which direction
+# world   floor and body                 imu    its errors while the robot walks
+# noise   of the measured goal
+Dice = namedtuple("Dice", "goal world noise push imu")
 
 
 class FootstepWorld:
@@ -351,8 +363,12 @@ class FootstepWorld:
         spread=Spread(),
         robot=robot_model.ROBOT,
     ):
-        self.limits = limits or LIMITS[sim]
-        self.drift = drift or DRIFT[sim]
+        if sim not in robot_model.SIMULATORS:
+            raise ValueError(f"sim is one of {', '.join(robot_model.SIMULATORS)}, not {sim!r}")
+        if num_robots < 1:
+            raise ValueError(f"a world needs at least one robot, not {num_robots}")
+        self.limits = LIMITS[sim] if limits is None else limits
+        self.drift = DRIFT[sim] if drift is None else drift
         self.sim = sim
         self.noise = noise
         self.push = push
@@ -362,15 +378,17 @@ class FootstepWorld:
         # [6] step on the spot; not 0.5, since the limits are not symmetric
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
-        self.rngs = np.empty((num_robots, 5), object)  # those of the episode, a column per purpose
-
+        self.dice = [None] * num_robots  # the Dice of each, since its first reset
         self.goal = np.zeros((num_robots, 3))  # x, y [m], yaw [rad] in the world
         self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
         self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
         self.last_action = np.zeros((num_robots, 6))
         # Of this episode: double steps, control ticks; how many double steps in a row have ended at
-        # the goal, and the tick when the first of them did  [N] each
-        self.steps, self.ticks, self.in_a_row, self.arrival = np.zeros((4, num_robots), int)
+        # the goal, and the tick when the first of them did
+        self.steps = np.zeros(num_robots, int)
+        self.ticks = self.steps.copy()
+        self.in_a_row = self.steps.copy()
+        self.arrival = self.steps.copy()
 
     def reset(self, robots, rngs=(), goals=None):
         """Starts episodes: these robots stand at the origin.
@@ -380,15 +398,12 @@ class FootstepWorld:
             goals = checked("goals", goals, len(robots), 3)
         if rngs:
             self.rng[robots] = rngs
-        # spawn returns new generators at every call, so every episode differs.
-        for i, rng in zip(robots, self.rng[robots]):
-            self.rngs[i] = rng.spawn(5)
+        for i in robots:  # spawn returns new generators at every call, so every episode differs
+            self.dice[i] = Dice(*self.rng[i].spawn(5))
         if goals is None:  # far with probability ½
-            goals = [
-                draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0]
-                for rng in self.rngs[robots, GOAL]
-            ]
-        body = self.spread.draw(self.rngs[robots, WORLD], self.engine.robot)
+            dice = [self.dice[i].goal for i in robots]
+            goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
+        body = self.spread.draw([self.dice[i].world for i in robots], self.engine.robot)
         self.simulator.reset(robots, body)
         self.engine.reset(robots)
         self.last_action[robots] = self.neutral_action
@@ -416,7 +431,7 @@ class FootstepWorld:
         """Corrects the estimate by one more measurement: once before every decision."""
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
-        noise = [rng.normal(0, std) for rng in self.rngs[robots, NOISE]]  # [n, 3]
+        noise = [self.dice[i].noise.normal(0, std) for i in robots]  # [n, 3]
         # Without noise R is nearly 0, so K is 1: only the new measurement counts. (In 2-D a turn is
         # exact, its drift is 0, and every measurement of the yaw equals its prediction. With R = 0
         # the second one would divide by 0.)
@@ -428,10 +443,16 @@ class FootstepWorld:
     def view(self, robots):
         """The View of these robots."""
         goal, last_action = self.estimate[robots], self.last_action[robots]
-        seen = np.hstack([encode_goal(goal), 2 * last_action - 1])  # [0, 1] to [−1, 1]
-        seen, neutral = seen.astype(np.float32), self.neutral_action.copy()
-        period, limits = self.engine.period, self.limits
-        return View(np.array(robots), goal, seen, last_action, period, limits, neutral)
+        observation = np.hstack([encode_goal(goal), 2 * last_action - 1])  # [0, 1] to [−1, 1]
+        return View(
+            np.array(robots),
+            goal,
+            observation.astype(np.float32),
+            last_action,
+            self.engine.period,
+            self.limits,
+            self.neutral_action.copy(),
+        )
 
     def _disturbance(self, plan, robots):
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
@@ -441,12 +462,13 @@ class FootstepWorld:
         ticks = walk_engine.PUSH_TICKS
         chance = self.engine.period / task.push_every  # of a push in a double step
         for i, push, imu in zip(robots, disturbance.push, disturbance.imu):
-            imu[:] = self.rngs[i, IMU].normal(0, std, imu.shape)
-            drawn, when, direction = self.rngs[i, PUSH].random(3)  # also if unused
+            imu[:] = self.dice[i].imu.normal(0, std, imu.shape)
+            drawn, when, direction = self.dice[i].push.random(3)  # also if unused
             if drawn < chance:
                 first = int(when * (usual - ticks + 1))
-                # Planar: ahead or back; 3-D: in any direction
-                angle = np.pi * (round(direction) if self.engine.planar else 2 * direction)
+                if self.engine.planar:
+                    direction = round(direction) / 2  # ahead or back, else in any direction
+                angle = 2 * np.pi * direction
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
                 push[first : first + ticks] = robot_model.turned([force, 0], angle)
         return disturbance
@@ -460,15 +482,18 @@ class FootstepWorld:
         success ends with the first of the double steps in a row that ended inside."""
         task, robot = self.task, self.engine.robot
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
+        if None in [self.dice[i] for i in robots]:
+            raise gym.error.ResetNeeded("call reset before the first step")
         before = self.relative_goal(robots)
         last = self.last_action[robots]
-        footsteps = to_footsteps(actions, self.limits)  # [n, 2, 3]
-        plan = self.engine.plan(footsteps, robots)
+        plan = self.engine.plan(to_footsteps(actions, self.limits), robots)
+        # The robot knows its plan, and how far it was off only by the next measurement.
         trunk = plan.trunk[..., robot_model.GROUND]  # [n, T + 1, 3]
         planned = robot_model.relative(trunk[:, 0], trunk[:, -1])
         self.estimate[robots], self.covariance[robots] = predict(
             self.estimate[robots], self.covariance[robots], planned, self.drift
         )
+
         disturbance = self._disturbance(plan, robots)
         force = walk_engine.push_force(robot, np.array(push))  # [2] [N]
         disturbance.push[:, : walk_engine.PUSH_TICKS] += force
@@ -477,14 +502,16 @@ class FootstepWorld:
         self.last_action[robots] = actions
         self.steps[robots] += 1
         self.ticks[robots] += motion.ticks
-        ended = self.ticks[robots]
+
         after = self.relative_goal(robots)
+        now = self.ticks[robots]
         in_a_row = count_in_a_row(after, fall, self.in_a_row[robots], task)
-        arrival = np.where(in_a_row == 1, ended, self.arrival[robots])
-        success = in_a_row >= task.in_a_row
+        arrival = np.where(in_a_row == 1, now, self.arrival[robots])
         self.in_a_row[robots], self.arrival[robots] = in_a_row, arrival
+        success = in_a_row >= task.in_a_row
         # An episode is cut off before a double step that might take too long.
-        no_time = ended + plan.most_ticks > round(task.time_limit / robot.control_dt)  # [ticks]
+        no_time = now + plan.most_ticks > round(task.time_limit / robot.control_dt)  # [ticks]
+
         periods = motion.ticks / self.engine.period_ticks
         margin = margin_at_rest(after, self.engine.closing_step(robots), task)
         terms = reward_terms(before, after, actions, last, fall, success, task, periods, margin)
@@ -494,11 +521,54 @@ class FootstepWorld:
             "fall": fall,
             "timeout": no_time & ~success & ~fall,
             "inside": in_a_row > 0,
-            "time": np.where(success, arrival, ended) * robot.control_dt,
+            "time": np.where(success, arrival, now) * robot.control_dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
         }
+
+
+# ------------------------------------------------------------------------ files of your own
+def names_in(path, **wanted):
+    """What a file of your own defines: its values of these names, which must have these types.
+    Errors in the file keep their own traceback."""
+    if path.suffix != ".py" or not path.is_file():
+        raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
+    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
+    spec = spec_from_file_location(path.as_posix(), path)
+    module = sys.modules[spec.name] = module_from_spec(spec)  # there its dataclasses look for it
+    try:
+        spec.loader.exec_module(module)
+    except SystemExit as error:
+        raise InputError(f"{path}: ends Python, by exit() or main()") from error
+    for name, kind in wanted.items():
+        if not isinstance(getattr(module, name, None), kind):
+            raise InputError(
+                f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
+            )
+    return [getattr(module, name) for name in wanted]
+
+
+def robot_settings(path, sim):
+    """The settings of a FootstepWorld that ROBOT, WALK and LIMITS of your own file are. Raises an
+    InputError if this robot does not stand for a second, or cannot take a double step."""
+    robot, walk, limits = names_in(
+        path, ROBOT=robot_model.RobotModel, WALK=walk_engine.WalkParameters, LIMITS=StepLimits
+    )
+    settings = {"robot": robot, "walk": walk, "limits": limits}
+    try:
+        with np.errstate(all="ignore"):  # the error below says enough
+            world = FootstepWorld(1, sim, **settings)
+            world.reset([0])
+            world.step([world.neutral_action], [0])  # it may fall, but it must be possible
+            world.simulator.reset([0])
+            still = np.tile(world.engine.stance[1], (1, round(1 / robot.control_dt) + 1, 1))
+            if world.simulator.run([0], robot_model.Trajectory(still)).fell[0]:
+                raise ValueError("the robot falls within a second, where it should stand")
+    except Exception as error:  # whatever a wrong number leads to, in our code or a simulator's
+        reason = " ".join(str(error).split())
+        raise InputError(f"{path}: ROBOT, WALK or LIMITS do not fit {sim}: {reason}") from error
+    return settings
 
 
 # ------------------------------------------------------------------------ a picture
@@ -547,13 +617,13 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
     def __init__(self, num_envs=64, sim="pymunk", **settings):  # of FootstepWorld: noise, push, …
+        self.world = FootstepWorld(num_envs, sim, **settings)
         self.num_envs = num_envs
         bounds = np.array([row[2:] for row in OBSERVATION], np.float32).T  # low, high  [2, 14]
         self.single_observation_space = gym.spaces.Box(*bounds)
         self.single_action_space = gym.spaces.Box(0, 1, (6,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self.world = FootstepWorld(num_envs, sim, **settings)
         self.neutral_action = self.world.neutral_action
         self.robots = np.arange(num_envs)
 
@@ -576,18 +646,42 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
     def step(self, actions):
         """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
         observations, reward, terminated, truncated, infos = self.step_without_reset(actions)
-        ended = terminated | truncated
-        if ended.any():
+        over = terminated | truncated
+        if over.any():
             final = {"final_obs": observations.copy(), "final_info": infos}
-            infos = infos | final | {"_final_obs": ended, "_final_info": ended}
-            fresh = self.robots[ended]
+            infos = infos | final | {"_final_obs": over, "_final_info": over}
+            fresh = self.robots[over]
             self.world.reset(fresh)
             observations[fresh] = self.world.view(fresh).observation
         return observations, reward, terminated, truncated, infos
 
 
 class FootstepEnv(gym.Env):
-    """One robot of a `FootstepVectorEnv`. `gymnasium.wrappers.RecordVideo` can film it."""
+    """One robot walks to a goal, a double step at a time. (`FootstepVectorEnv` with one robot.)
+
+    ## Action
+    Box(0, 1, (6,)): where both feet step, as shares of the limits (LIMITS). Left foot x, y, yaw,
+    then right foot x, y, yaw; y and yaw are positive outward. `envs.neutral_action` steps on the
+    spot.
+
+    ## Observation
+    Box (14,): the goal seen from the robot, and the last action, see OBSERVATION.
+
+    ## Reward
+    The sum of `reward_terms`: for progress, changes of the steps, a fall, the goal, rest and time.
+
+    ## Start and end of an episode
+    The robot stands at the origin; goal, floor and body are random. Terminated: two double steps in
+    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: there is
+    no time left, after 100 s.
+
+    ## Arguments
+    render_mode: None or "rgb_array". (`gymnasium.wrappers.RecordVideo` films it if moviepy is
+    installed.) The others are those of `FootstepWorld`; `reset` takes options={"goals": [(x, y,
+    yaw)]}.
+
+        gymnasium.make("03_env:Footsteps-v0", sim="mujoco", noise=True)
+    """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
@@ -598,7 +692,7 @@ class FootstepEnv(gym.Env):
         self.action_space = self.envs.single_action_space
 
     def reset(self, *, seed=None, options=None):
-        """Starts a new episode; options["goals"] = [(x, y, yaw)] sets its goal."""
+        """Starts a new episode."""
         super().reset(seed=seed)
         observations, info = self.envs.reset(seed=seed, options=options)
         return observations[0], info
@@ -606,9 +700,10 @@ class FootstepEnv(gym.Env):
     def step(self, action):
         """Simulates one double step; the info holds the reward terms and how the episode ended."""
         observations, *results, infos = self.envs.step_without_reset([action])
-        terms = infos.pop("reward_terms")
-        info = {name: value.item() for name, value in (infos | terms).items()}
-        return observations[0], *(result.item() for result in results), info
+        reward, terminated, truncated = (result.item() for result in results)
+        infos |= infos.pop("reward_terms")
+        info = {name: value.item() for name, value in infos.items()}
+        return observations[0], reward, terminated, truncated, info
 
     def render(self):
         """The robot and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
@@ -638,11 +733,13 @@ def hand_written(goal, limits):
     return to_action(steps, limits)
 
 
-def estimate_errors(world, seed):
+def estimate_errors(sim, seed):
     """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and what
-    the filter claims, [2, 15] [m]. The robots walk with the hand-written planner."""
-    world.noise, robots, rows = True, np.arange(len(world.goal)), []
-    world.reset(robots, [stream("training", seed, i) for i in robots])
+    the filter claims, [2, 15] [m]. 64 robots walk with the hand-written planner to goals 2 m ahead,
+    so far that all still walk at the end."""
+    world, robots = FootstepWorld(64, sim, noise=True), np.arange(64)
+    world.reset(robots, [stream("training", seed, i) for i in robots], [[2, 0, 0]] * 64)
+    rows = []
     for _ in range(15):
         view = world.view(robots)
         error = (view.goal - world.relative_goal(robots))[:, :2]
@@ -659,21 +756,19 @@ def plot_rewards(episode, errors, path):
     for term, values in sorted(episode.items(), key=lambda item: -item[1].sum()):
         if values.any():
             curves.plot(np.append(0, values.cumsum()), label=term)
-    curves.legend(
-        loc="upper left", bbox_to_anchor=(1, 1)
-    )  # beside the lines, in the order of their ends
+    curves.legend(loc="upper left", bbox_to_anchor=(1, 1))  # beside the lines, in their order
     curves.set(
         title="An episode of the hand-written planner",
         xlabel="double step",
         ylabel="sum of rewards so far [1]",
     )
     k = np.arange(1, errors.shape[1] + 1)
-    names = "true error", "claimed: the filter expects\nlarger errors", "5 cm/√k: it stands still"
+    names = "walking", "claimed by the filter,\nfor a policy's longer steps", "standing still"
     for error, name in zip((*errors, Task.noise_m / np.sqrt(k)), names):
         estimate.plot(k, 100 * error, "o-", label=name)
     estimate.set(
-        title="The estimated goal of 64 walking robots",
-        xlabel="measurements k so far",
+        title="The estimated goal",
+        xlabel="measurements so far",
         ylabel="error of x and y [cm]",
         ylim=(0, None),
     )
@@ -684,41 +779,42 @@ def plot_rewards(episode, errors, path):
 def main():
     args = robot_model.stage_parser(__doc__).parse_args()
     path = robot_model.output_folder(args) / "03_rewards.png"
+    envs, steps = FootstepVectorEnv(32, args.sim), 60
+    seed = envs.num_envs * args.seed  # other robots for another seed
+    seen, _ = envs.reset(seed=seed)
+    print(f"{'observation':32} {'unit':>22}   low  high  example")
+    for (name, unit, low, high), value in zip(OBSERVATION, seen[0]):
+        print(f"{name:32} {unit:>22} {low:5} {high:5} {value:8.2f}")
     limits = LIMITS[args.sim]
-    for line in (
-        ("observation", "unit", "low", "high"),
-        *OBSERVATION,
-        ("\naction (y, yaw: outward) ", "unit", "0 is", "1 is"),
-        *zip(ACTION_NAMES, ("m", "m", "rad") * 2, limits.low * 2, limits.high * 2),
-    ):
-        print("{:32} {:>22} {:>7} {:>7}".format(*line))
+    print(
+        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward"
+    )
+    print(f"0 is {limits.low}, 1 is {limits.high}")
 
-    count, steps = 64, 60
-    envs = FootstepVectorEnv(count, args.sim)
     rng = stream("training", args.seed, 0)
     planners = {
-        "random": lambda view: rng.random((count, 6)),
+        "random": lambda view: rng.random((envs.num_envs, 6)),
         "hand-written": lambda view: hand_written(view.goal, limits),
     }
-    print(f"\n{count} robots, {steps} double steps ({steps * envs.world.engine.period:.0f} s) each")
+    print(f"\n{envs.num_envs} robots, {steps} double steps each")
     for name, act in planners.items():
-        envs.reset(seed=count * args.seed)  # other robots for another seed
+        envs.reset(seed=seed)
         bar = tqdm(range(steps), name, leave=False)
         infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
-        goals, falls = (np.array([info[end] for info in infos]) for end in ("success", "fall"))
+        goals = np.array([info["success"] for info in infos])  # [60, 32]
+        falls = np.array([info["fall"] for info in infos])
         print(
             f"{name}: {goals.sum()} episodes at the goal, {falls.sum()} falls; mean pay of a robot"
         )
-        paid = {
-            term: np.array([info["reward_terms"][term] for info in infos])  # [60, 64]
-            for term in infos[0]["reward_terms"]
-        }
-        for term, values in paid.items():
-            print(f"    {term:8}{values.sum(0).mean():8.2f}")
-    # Of the hand-written planner, which walked last: the first episode of the first robot
-    last = (goals | falls)[:, 0].argmax()
-    episode = {term: values[: last + 1, 0] for term, values in paid.items()}
-    plot_rewards(episode, estimate_errors(envs.world, args.seed), path)
+        paid = {}
+        for term in infos[0]["reward_terms"]:
+            paid[term] = np.array([info["reward_terms"][term] for info in infos])  # [60, 32]
+            print(f"    {term:8}{paid[term].sum(0).mean():8.2f}")
+    # Of the hand-written planner, which walked last: the longest of the robots' first episodes
+    ends = (goals | falls).argmax(0)  # [32]
+    robot = ends.argmax()
+    episode = {term: values[: ends[robot] + 1, robot] for term, values in paid.items()}
+    plot_rewards(episode, estimate_errors(args.sim, args.seed), path)
     print("Look at", path)
 
 

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import sys
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
@@ -701,11 +702,120 @@ def test_whoever_changes_a_number_can_walk(sim, change):
     assert (world.pose[:, 0] > 0.15).all(), f"{change}: it should come nearer, {world.pose}"
 
 
+def test_a_step_before_the_first_reset_is_an_error():
+    world = FootstepWorld(2)
+    world.reset([1])
+    with pytest.raises(gym.error.ResetNeeded, match="call reset before"):
+        world.step(np.full((2, 6), 0.5), [0, 1])
+    world.step(np.full((1, 6), 0.5), [1])
+
+
+def test_settings_may_be_arrays():
+    drift = np.array([0.1, 0.2, 0.3])
+    world = FootstepWorld(1, drift=drift)
+    world.reset([0])
+    world.step([world.neutral_action], [0])
+    equal(world.drift, drift)
+
+
+OWN = """
+from dataclasses import dataclass, replace
+from importlib import import_module
+
+import beside
+
+env = import_module("03_env")
+ROBOT, WALK, LIMITS = env.robot_model.ROBOT, env.walk_engine.TUNED["{sim}"], env.LIMITS["{sim}"]
+{line}
+
+
+@dataclass
+class Mine:
+    number: "int" = beside.NUMBER
+
+
+if __name__ == "__main__":
+    raise ValueError("only when it is started")
+"""
+
+
+@pytest.fixture
+def own_file(tmp_path, monkeypatch):
+    """own_file(line, sim) -> the path of a file with a robot of one's own, in which this line stands."""
+    monkeypatch.setattr(sys, "path", sys.path[:])
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "beside.py").write_text("NUMBER = 7", "utf-8")
+    monkeypatch.delitem(sys.modules, "beside", raising=False)
+
+    def write(line="", sim="pymunk"):
+        path = tmp_path / f"mine{len([*tmp_path.iterdir()])}.py"
+        path.write_text(OWN.format(sim=sim, line=line), "utf-8")
+        return path
+
+    return write
+
+
+def test_names_in_a_file_of_one_s_own(own_file):
+    before = sys.path[:]
+    (mine, robot) = env.names_in(own_file(), Mine=type, ROBOT=robot_model.RobotModel)
+    assert mine().number == 7 and robot == ROBOT, "it may import what lies beside it"
+    assert sys.path[: len(before)] == before, "its folder is searched last"
+
+
+@pytest.mark.parametrize("line, said", [
+    ("ROBOT = 3", "needs a ROBOT that is a RobotModel"),
+    ("del ROBOT", "needs a ROBOT that is a RobotModel"),
+    ("exit()", "ends Python"), ("import sys; sys.exit(main())", None), ("1 / 0", None),
+])  # fmt: skip
+def test_a_wrong_file_is_one_line_and_an_error_in_it_keeps_its_traceback(own_file, line, said):
+    path = own_file(line)
+    kind = robot_model.InputError if said else (NameError, ZeroDivisionError)
+    with pytest.raises(kind, match=rf"\A{path}: {said}.*\Z" if said else None) as caught:
+        env.names_in(path, ROBOT=robot_model.RobotModel)
+    if not said:
+        last = caught.traceback[-1]
+        assert last.path == path and line in str(last.statement), "where it was raised"
+
+
+def test_a_file_that_is_missing_or_no_python_is_one_line(tmp_path):
+    (tmp_path / "policy.pt").write_text("1 / 0", "utf-8")
+    for name in "nowhere.py", "policy.pt", "":
+        with pytest.raises(robot_model.InputError, match="no such .py file"):
+            env.names_in(tmp_path / name)
+
+
+@BOTH
+def test_the_robot_of_a_file_is_a_world_s_settings(own_file, sim):
+    path = own_file("ROBOT = replace(ROBOT, thigh_length=0.175)", sim)
+    got = env.robot_settings(path, sim)
+    want = {"walk": walk_engine.TUNED[sim], "limits": env.LIMITS[sim]}
+    assert got == want | {"robot": replace(ROBOT, thigh_length=0.175)}
+    assert FootstepWorld(1, sim, **got).engine.robot == got["robot"]
+
+
+@BOTH
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("line", [
+    "ROBOT = replace(ROBOT, thigh_length=-1.0)", "ROBOT = replace(ROBOT, gravity='g')",
+    "ROBOT = replace(ROBOT, torso=replace(ROBOT.torso, mass=-1.0))",
+    "WALK = replace(WALK, half_ticks=0)", "WALK = replace(WALK, half_ticks=30.5)",
+    "LIMITS = env.StepLimits((0, 0), (1, 1, 1))",
+])  # fmt: skip
+def test_a_robot_that_cannot_stand_or_step_is_one_line_that_names_its_file(own_file, sim, line):
+    path = own_file(line, sim)
+    with pytest.raises(robot_model.InputError, match=rf"\A{path}: .*{sim}.*\Z"):
+        env.robot_settings(path, sim)
+
+
 def test_a_misspelt_setting_or_option_is_an_error():
     with pytest.raises(TypeError, match="nois"):
         gym.make("Footsteps-v0", nois=True)
-    with pytest.raises(KeyError, match="bullet"):
-        FootstepWorld(1, "bullet")
+    for settings, said in (
+        ({"sim": "bullet"}, "^sim is one of pymunk, mujoco, not 'bullet'$"),
+        ({"num_envs": 0}, "at least one robot, not 0$"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            FootstepVectorEnv(**settings)
     one = env.FootstepEnv()
     one.render()  # before the first reset, too
     with pytest.raises(TypeError, match="goal'"):

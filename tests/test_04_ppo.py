@@ -171,7 +171,7 @@ def test_first_policy_is_around_first_action(first, concentration):
 def test_samples_follow_the_policy_and_values_have_no_extra_axis():
     model = model_with([2.0, 30.0], [5.0, 10.0]).float()
     torch.manual_seed(0)
-    x = model.sample(torch.zeros(20_000, 1))
+    x, _ = model.sample(torch.zeros(20_000, 1))
     assert x.shape == (20_000, 2) and not x.requires_grad
     close(x.mean(0), [2 / 7, 30 / 40], atol=0.01)
     close(x.var(0), [10 / (49 * 8), 300 / (1600 * 41)], rtol=0.1)
@@ -191,9 +191,10 @@ def test_samples_have_finite_log_probability_even_for_wild_networks():
     model, obs = ActorCritic(2, 1), torch.zeros(1000, 2)
     for raw in itertools.product((-1e4, 1e6, 3e38), repeat=2):
         model.actor[-1].bias.data.copy_(torch.tensor(raw))
-        pi, x = model.policy(obs), model.sample(obs)
+        pi, (x, told) = model.policy(obs), model.sample(obs)
         assert ((x > 9e-7) & (x < 1 - 9e-7)).all(), "keep samples off 0 and 1"
         log_prob = pi.log_prob(x)
+        equal(told, log_prob.detach(), "ln π of the action that is returned")
         log_prob.sum().backward()
         for got in (log_prob, pi.entropy(), pi.mode, *(p.grad for p in model.actor.parameters())):
             assert torch.isfinite(got).all(), f"for {raw}: keep α and β within bounds"
@@ -310,7 +311,8 @@ def test_collected_observations_are_followed_by_what_really_followed(dtype):
 
     envs = Probe(3, play, starts=np.linspace(0.01, 0.99, 99, dtype=dtype))
     first, _ = envs.reset(seed=0)
-    data, last, infos = ppo.collect(ActorCritic(1, 1), envs, first, 10)
+    model = ActorCritic(1, 1)
+    data, last, infos = ppo.collect(model, envs, first, 10)
     obs, after = data["obs"], data["next_obs"]
     assert obs.dtype == after.dtype == torch.float32 and len(infos) == 10
     assert data["terminated"].sum(0).tolist() == [3, 0, 0], "a fall each three steps"
@@ -319,6 +321,9 @@ def test_collected_observations_are_followed_by_what_really_followed(dtype):
     close(after[..., 0], data["reward"], hint, atol=1e-6)
     close(obs + 1, after, "copy what you want to keep", atol=1e-5)
     close(after[-1], last, "obs to go on from", atol=1e-6)
+    with torch.no_grad():
+        log_prob = model.policy(obs).log_prob(data["action"])
+    close(data["log_prob"], log_prob, "ln π_old, of the policy that has acted", atol=1e-6)
 
 
 def test_episode_means_count_ended_episodes_only():
@@ -343,14 +348,22 @@ def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
     """Invented data [T, N, …] with actions of this model."""
     torch.manual_seed(1)
     obs, next_obs = torch.randn(2, steps, robots, 3)
+    action, log_prob = model.sample(obs)
     return {
         "obs": obs,
-        "action": model.sample(obs),
+        "action": action,
+        "log_prob": log_prob,
         "next_obs": next_obs,
         "reward": scale * torch.randn(steps, robots) + shift,
         "terminated": torch.rand(steps, robots) < 0.1,
         "truncated": torch.rand(steps, robots) < 0.1,
     }
+
+
+def improve(model, optimizer, data, cfg):
+    """`ppo.improve` with data that are judged as in a training."""
+    advantage, target = ppo.advantages_and_targets(model, data, cfg)
+    return ppo.improve(model, optimizer, data | {"advantage": advantage, "target": target}, cfg)
 
 
 def fresh_model():
@@ -362,7 +375,7 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
     cfg = PPOConfig(minibatch=127, epochs=8, gamma=0.9)  # and a minibatch of a single sample
     old, model = fresh_model(), fresh_model()
     data = rollout(model)
-    got = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), data, cfg)
+    got = improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), data, cfg)
     obs, action = data["obs"], data["action"]
     with torch.no_grad():
         v, v_next = old.value(obs), old.value(data["next_obs"])
@@ -384,7 +397,7 @@ def test_numbers_to_watch_are_those_at_the_end_of_the_update():
         hint = (
             f"{name}: KL, clip fraction and value loss compare the policy after the LAST gradient "
             "step with π_old on all samples; explained variance and entropy are those of the model "
-            "that acted; is `advantages_and_targets` called more than once?"
+            "that acted; targets and π_old stay as they are given"
         )
         close(got[name], number.item(), hint, rtol=1e-3)
 
@@ -400,7 +413,7 @@ def gradients(cfg, lr=0.0, outlier=0.0, **rewards):
 
     data = rollout(model, **rewards)
     data["reward"][0, 0] += outlier
-    ppo.improve(model, Spy(model.parameters(), lr=lr), data, cfg)
+    improve(model, Spy(model.parameters(), lr=lr), data, cfg)
     return lengths
 
 
@@ -425,7 +438,7 @@ def test_gradients_are_limited_to_the_maximal_length():
 def test_the_old_policy_stays_the_same_and_holds_the_new_one_back():
     cfg = PPOConfig(minibatch=128, epochs=60, clip=0.1, value_coef=0.0, max_grad_norm=1e9)
     model = fresh_model()
-    watched = ppo.improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), rollout(model), cfg)
+    watched = improve(model, torch.optim.Adam(model.parameters(), lr=3e-3), rollout(model), cfg)
     assert 0.001 < watched["approx_kl"] < 0.05, (
         f"after 60 rounds the policy has moved by {watched['approx_kl']:.3f} nats: π_old is that "
         "before the first gradient step and of the same `pick`, and the clipped objective pays "
@@ -438,12 +451,12 @@ def test_the_critic_s_weight_is_value_coef(value_coef):
     cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9, value_coef=value_coef)  # one step
     start, model = fresh_model(), fresh_model()
     data = rollout(model)
-    judged = _, targets, _ = ppo.advantages_and_targets(start, data, cfg)
+    judged = _, targets = ppo.advantages_and_targets(start, data, cfg)
     assert not any(numbers.requires_grad for numbers in judged), (
-        "advantages, targets and π_old are numbers, which no gradient changes: no_grad"
+        "advantages and targets are numbers, which no gradient changes: no_grad"
     )
-    ppo.improve(model, torch.optim.SGD(model.parameters(), lr=1e-2), data, cfg)
-    (value_coef * ((start.value(data["obs"]).flatten() - targets) ** 2).mean()).backward()
+    improve(model, torch.optim.SGD(model.parameters(), lr=1e-2), data, cfg)
+    (value_coef * ((start.value(data["obs"]) - targets) ** 2).mean()).backward()
     hint = "loss = −L + value_coef·L_V, L_V = mean (V − target)², without a half"
     for now, was in zip(model.critic.parameters(), start.critic.parameters()):
         torch.testing.assert_close(now, was - 1e-2 * was.grad, msg=hint)
@@ -458,7 +471,7 @@ def test_advantages_are_normalised():
             torch.nn.init.zeros_(tensor)  # V = 0 and every step is the last: A = r
         data = rollout(model, **rewards)
         data["terminated"][:] = True
-        ppo.improve(model, torch.optim.SGD(model.parameters(), lr=0.1), data, cfg)
+        improve(model, torch.optim.SGD(model.parameters(), lr=0.1), data, cfg)
         return parameters_to_vector(model.actor.parameters())
 
     start, plain = parameters_to_vector(fresh_model().actor.parameters()), updated()
@@ -499,6 +512,10 @@ def test_the_learning_rate_falls_to_zero():
         """Another model."""
 
     def watched(model, optimizer, data, cfg):
+        for got, want in zip(
+            (data["advantage"], data["target"]), ppo.advantages_and_targets(model, data, cfg)
+        ):
+            equal(got, want, "(2) judges what was collected, before (3)")
         rates.append(optimizer.param_groups[0]["lr"])
         rollouts.append(data)
         assert isinstance(model, Mine)
@@ -510,7 +527,6 @@ def test_the_learning_rate_falls_to_zero():
     close(rates, want, "linearly to 0 after the last update, and Adam has to be told")
     close([row["learning_rate"] for row in rows], want)
     assert rows[0].keys() == {"steps", "loss", *EPISODES, "learning_rate"}
-    assert type(rows[0]["loss"]) is float, "numbers of numpy could not be read from a checkpoint"
     for one, other in itertools.pairwise(rollouts):
         goes_on = ~(one["terminated"] | one["truncated"])[-1]
         hint = "a rollout goes on where the last one ended"
@@ -548,6 +564,11 @@ def wander(obs, action):
 wandering = partial(Probe, play=wander, starts=np.linspace(-0.5, 0.5, 1001, dtype=np.float32))
 
 
+def nothing(model, optimizer, data, cfg):
+    """An `improve` that learns nothing."""
+    return {}
+
+
 def stopped(update, envs=wandering, cfg=QUICK, seed=3, **more):
     """A training that is interrupted in this update."""
     calls = [*[mock.DEFAULT] * (update - 1), KeyboardInterrupt]
@@ -556,58 +577,60 @@ def stopped(update, envs=wandering, cfg=QUICK, seed=3, **more):
         train(cfg, envs, HERE, 7 * 64, seed, improve=killed, **more)
 
 
-def test_a_stopped_training_goes_on_where_its_last_update_ended():
+def test_a_killed_training_leaves_its_policy_so_far_and_the_next_one_says_so(capsys):
     """Its settings are numbers of numpy, as in a sweep by np.logspace; files hold plain ones."""
     rates, counts = np.logspace(-4, -3, 3), np.arange(9)
     cfg, seed = replace(QUICK, epochs=counts[2], hidden=(counts[8],)), counts[3]
     cfg = replace(cfg, learning_rate=rates[0], first_concentration=np.float32(4))
     about = {"limits": env.StepLimits(rates, -rates), "push": rates, "noise": np.bool_(True)}
-    begun = []
+    plain = {"seed": 3, "push": [*rates], "noise": True, "steps": 7 * 64, "fits": None}
+    plain["limits"] = {"low": [*rates], "high": [*-rates]}
+    stopped(4, cfg=cfg, seed=seed, **about)
+    assert contents().keys() == {"checkpoint.pt"}, "policy.pt is written at the end"
+    model, stored = ppo.load_policy(HERE / "checkpoint.pt")
+    assert stored.items() >= plain.items()
+    early, _ = train(cfg, wandering, HERE, 7 * 64, seed, improve=nothing)
+    assert model.decide([[0.3]]) != early.decide([[0.3]]), "three updates are done"
 
-    class Seen(Probe):
-        def reset(self, seed=None, options=None):
-            first, infos = super().reset(seed)
-            begun.append((str(first), torch.rand(1).item()))
-            return first, infos
-
-    envs = partial(Seen, **wandering.keywords)
-    for update, done in ((4, 3), (3, 5)):  # stopped amid an update, then amid another one
-        torch.manual_seed(0)  # as in a process of its own
-        stopped(update, envs, cfg, seed, resume=done > 3, **about)
-        assert not (HERE / "policy.pt").exists(), "it is written at the end"
-        _, stored = ppo.load_policy(HERE / "checkpoint.pt")
-        steps = stored["optimizer"]["state"][0]["step"]
-        assert steps == done * 2 * 2, "gradient steps: Adam's state is stored, too"
-    torch.manual_seed(0)
-    _, rows = train(cfg, envs, HERE, 7 * 64, seed, resume=True, **about)
-    for drawn in zip(*begun):
-        assert len({*drawn}) == 3, "after a stop: other episodes, and other actions to explore"
-    assert not (HERE / "checkpoint.pt").exists()
+    capsys.readouterr()
+    stopped(4, cfg=cfg, seed=seed, **about)
+    assert "checkpoint" not in capsys.readouterr().out
+    last, rows = train(cfg, wandering, HERE, 7 * 64, seed, **about)
+    said = capsys.readouterr().out.splitlines()
+    assert len(said) == 1 and "checkpoint.pt" in said[0], "two trainings write the same files"
+    assert len(rows) == 7, "it begins anew"
+    assert contents().keys() == {"policy.pt", "learning_curve.csv"}
     assert (HERE / "learning_curve.csv").read_text("utf-8").startswith("steps,"), "names of columns"
-    _, found = ppo.load_policy(HERE / "policy.pt")
-    limits = {"low": [*rates], "high": [*-rates]}
-    plain = {"seed": 3, "push": [*rates], "noise": True, "limits": limits}
+    final, found = ppo.load_policy(HERE / "policy.pt")
     assert found.items() >= plain.items()
-    _, want = train(cfg, envs, HERE, 7 * 64, seed)
-    assert len(rows) == len(want) == 7, "as many updates as without a stop"
-    np.testing.assert_equal(rows[:3], want[:3], "what was done before the stop is kept")
-    for name in "steps", "learning_rate":
-        hint = f"{name}: after a stop it goes on from where it was"
-        equal([row[name] for row in rows], [row[name] for row in want], hint)
-    apart = abs(rows[3]["entropy"] - want[3]["entropy"])
-    assert 0 < apart < 0.2, "fresh episodes: not bit for bit the same, but the same networks"
+    equal(final.decide([[0.3]]), last.decide([[0.3]]))
+
+
+def test_of_two_trainings_into_one_folder_the_second_one_ends_well():
+    """The first one ends while the second one runs, and removes the checkpoint of both."""
+
+    def removed(*given):
+        (HERE / "checkpoint.pt").unlink(missing_ok=True)
+        return ppo.improve(*given)
+
+    with mock.patch.object(ppo, "save_policy") as saved:
+        train(QUICK, wandering, HERE, 2 * 64, improve=removed)
+    assert [call.args[0].name for call in saved.mock_calls] == [*["checkpoint.pt"] * 2, "policy.pt"]
 
 
 def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
-    """torch.set_default_dtype(torch.float64), as many a notebook begins."""
+    """torch.set_default_dtype(torch.float64), or set_default_device("cuda"), as many a notebook begins.
+    The device "meta", which cannot compute, stands in for one that a machine may lack."""
     want, _ = train(QUICK, wandering, HERE, 64)
     torch.set_default_dtype(torch.float64)
+    torch.set_default_device("meta")
     try:
         train(QUICK, wandering, HERE, 64)
         loaded, _ = ppo.load_policy(HERE / "policy.pt")
         equal(loaded.decide([[0.3]]), want.decide([[0.3]]), "the same weights")
     finally:
         torch.set_default_dtype(torch.float32)
+        torch.set_default_device(None)
 
 
 @pytest.mark.parametrize("error", [None, KeyboardInterrupt])
@@ -639,7 +662,7 @@ def test_a_file_that_cannot_be_written_is_one_line(name):
     said = rf"\A.*{re.escape(name)}: Access is denied\Z"
     with locked(name), pytest.raises(InputError, match=said):
         train(QUICK, wandering, HERE, 2 * 64)
-    hint = "the training is not lost: --resume writes what is missing"
+    hint = "the training is not lost: the checkpoint is its last policy"
     assert (HERE / "checkpoint.pt").exists() == (name != "checkpoint.pt"), hint
     with mock.patch("os.replace", side_effect=KeyboardInterrupt), pytest.raises(KeyboardInterrupt):
         ppo.save_policy(HERE / name, ActorCritic(5, 2))
@@ -671,30 +694,16 @@ def test_a_seed_is_a_training():
     assert seeds[0] == seeds[1] == seeds[2] != seeds[3], "other episodes, which begin once"
 
 
-def test_a_refused_training_is_one_line_and_changes_no_file():
-    def refused(said, cfg=QUICK, seed=3, total_steps=7 * 64, resume=True, noise=False):
-        with pytest.raises(InputError, match=rf"\A.*checkpoint\.pt: {said}\Z"):
-            train(cfg, wandering, HERE, total_steps, seed, resume, noise=noise)
+MINE = """
+from dataclasses import replace
+from importlib import import_module
 
-    refused("no such file")
-    stopped(3, noise=False)
-    before = contents()
-    refused("a stopped training: --resume continues it, or delete it", resume=False)
-    for changes in (
-        {"seed": 1},
-        {"total_steps": 256},
-        {"cfg": replace(QUICK, gamma=0.5)},
-        {"noise": True},
-    ):
-        refused("no stopped training with the same flags", **changes)
-    assert contents() == before, "neither the checkpoint nor anything else has changed"
-
-
-def test_a_finished_policy_is_no_stopped_training():
-    train(QUICK, wandering, HERE, 64)
-    (HERE / "policy.pt").rename(HERE / "checkpoint.pt")
-    with pytest.raises(InputError, match=r"\A.*checkpoint\.pt: .*\Z"):
-        train(QUICK, wandering, HERE, 64, resume=True)
+env = import_module("03_env")
+ours = env.robot_model.ROBOT
+ROBOT = replace(ours, torso=replace(ours.torso, mass=3.0))
+WALK = replace(env.walk_engine.TUNED["pymunk"], foot_rise=0.03)
+LIMITS = env.StepLimits((-0.1, 0.0, -0.3), (0.1, 0.1, 0.3))
+"""
 
 
 class Torques(Probe):
@@ -766,7 +775,7 @@ def test_a_file_that_is_no_policy_is_refused_in_one_line(damage):
 @pytest.mark.parametrize("arguments, steps, out", [
     ("", 250_000, "runs/pymunk"),
     ("--quick", 60_000, "runs/pymunk/quick"),
-    ("--mujoco --resume", 250_000, "runs/mujoco"),
+    ("--mujoco", 250_000, "runs/mujoco"),
     ("--quick --steps 70 --out mine", 70, "mine"),
 ], ids=str)  # fmt: skip
 def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
@@ -784,7 +793,6 @@ def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
         "out": Path(out),
         "total_steps": steps,
         "seed": 5,
-        "resume": "--resume" in arguments,
     }
     assert Path(out).is_dir()
     world = make_envs(1).world
@@ -793,19 +801,42 @@ def test_flags_reach_the_training(arguments, steps, out, monkeypatch, capsys):
     assert world.sim == ("mujoco" if "--mujoco" in arguments else "pymunk")
 
 
-def test_each_setting_but_the_layers_is_a_flag(monkeypatch, capsys):
+def test_another_robot_is_trained_by_its_file(monkeypatch, capsys):
+    Path("mine.py").write_text(MINE, "utf-8")
     called = mock.Mock(return_value=(None, []))
     monkeypatch.setattr(ppo, "train", called)
     monkeypatch.setattr(ppo, "plot_learning_curve", mock.Mock())
-    others = {name: 2 * value for name, value in vars(PPOConfig()).items() if name != "hidden"}
-    ppo.main([f"--{name}={value}" for name, value in others.items()])
+    ppo.main(["--robot", "mine.py"])
+    assert '--robot "mine.py"' in capsys.readouterr().out, "it is evaluated with this robot, too"
+    world = called.call_args.args[1](1).world
+    assert world.engine.robot.torso.mass == 3.0 and world.engine.parameters.foot_rise == 0.03
+    assert world.limits.high == (0.1, 0.1, 0.3) and world.drift == env.DRIFT["pymunk"]
+
+
+@pytest.mark.parametrize("dashes", [True, False])
+def test_each_setting_but_the_layers_is_a_flag(monkeypatch, dashes):
+    called = mock.Mock(return_value=(None, []))
+    monkeypatch.setattr(ppo, "train", called)
+    monkeypatch.setattr(ppo, "plot_learning_curve", mock.Mock())
+    usual = {name: value for name, value in vars(PPOConfig()).items() if name != "hidden"}
+    others = {name: value / 2 if value < 1 else 2 * value for name, value in usual.items()}
+    words = {name: name.replace("_", "-") if dashes else name for name in others}
+    ppo.main([f"--{words[name]}={value}" for name, value in others.items()])
     assert called.call_args.args[0] == PPOConfig(**others)
-    for flag in "--hidden=8", "--rollout=1.5", "--gamma=high", "--minibatch=0", "--num_envs=-1":
-        with pytest.raises(SystemExit, match="2"):
-            ppo.main([flag])
-        name, _ = flag.split("=")
-        assert name in capsys.readouterr().err.splitlines()[-1], "say which flag is wrong"
-    called.assert_called_once()
+
+
+@pytest.mark.parametrize("flag", [
+    "--hidden=8", "--rollout=1.5", "--gamma=high", "--minibatch=0", "--num_envs=-1", "--gamma=7",
+    "--lam=-0.1", "--clip=-1", "--first_concentration=1", "--first_concentration=2",
+    "--learning_rate=nan", "--steps=0",
+])  # fmt: skip
+def test_a_flag_out_of_range_is_refused_in_one_line(monkeypatch, capsys, flag):
+    monkeypatch.setattr(ppo, "train", mock.Mock())
+    with pytest.raises(SystemExit, match="2"):
+        ppo.main([flag])
+    name, _ = flag.split("=")
+    assert name in capsys.readouterr().err.splitlines()[-1], "say which flag is wrong"
+    ppo.train.assert_not_called()
 
 
 def test_the_pendulum_of_the_course_is_another_task_for_the_same_learner(monkeypatch):

@@ -393,7 +393,7 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(noisy):
     equal(noise, first_noise(Wild(), noisy, six), hint)
     equal(noise[:2], first_noise(Recorder(), noisy, two), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
-    dice = env.stream("evaluation", 3, 0).spawn(5)[env.NOISE]
+    dice = env.Dice(*env.stream("evaluation", 3, 0).spawn(5)).noise
     close(noise[0], dice.normal(size=3) * 0.05, "more than one measurement for a decision")
 
 

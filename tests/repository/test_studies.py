@@ -411,11 +411,15 @@ def test_learners_that_lack_a_part(monkeypatch):
     close(shape.policy(obs).base_dist.concentration0.detach(), 1 + 0.7 * 8, atol=0.1)
     told = []
     monkeypatch.setattr(ppo, "improve", lambda model, optimizer, data, cfg: told.append(data))
+    monkeypatch.setattr(
+        ppo, "advantages_and_targets", lambda model, data, cfg: (data["terminated"].clone(), 0)
+    )
     ends = {"terminated": torch.tensor([True, False, False])}
     ladder.cut_off_is_end(
         None, None, ends | {"truncated": torch.tensor([False, True, False])}, None
     )
     assert told[0]["terminated"].tolist() == [True, True, False], "nothing follows a cut-off"
+    assert told[0]["advantage"].tolist() == [True, True, False], "it is judged in this way"
 
 
 def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):

@@ -79,9 +79,7 @@ class Cluster(env.FootstepVectorEnv):
         try:
             return ray.get(calls)
         except ray.exceptions.RayActorError as error:
-            raise robot_model.InputError(
-                "an actor or its machine is gone; --resume continues after the last update"
-            ) from error
+            raise robot_model.InputError("an actor or its machine is gone: train again") from error
 
     def reset(self, *, seed, options=None):
         """See `FootstepVectorEnv.reset`; there are no options."""
@@ -130,7 +128,7 @@ def train(args):
         raise robot_model.InputError("--steps and --actors from 1 on")
     connect(args.actors, args.address)
     make_envs = partial(Cluster, actors=args.actors, sim=args.sim, noise=True)
-    _, rows = ppo.train(ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed, args.resume)
+    _, rows = ppo.train(ppo.PPOConfig(), make_envs, args.out, args.steps, args.seed)
     ppo.plot_learning_curve(rows, args.out / "learning_curve.png", f"{args.actors} actors")
     print("written:", args.out / "policy.pt")
 
@@ -157,7 +155,6 @@ FLAGS = {
     "steps": {"type": int, "default": ppo.STEPS, "help": "double steps of a training"},
     "actors": {"type": int, "default": robot_model.CORES, "help": "processes with robots"},
     "address": {"help": "of a running cluster; else Ray starts here"},
-    "resume": {"action": "store_true", "help": "continue a stopped training"},
 }
 PARTS = {"speed": study_speed, "train": train}
 

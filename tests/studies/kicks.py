@@ -58,8 +58,8 @@ class Blocks(env.FootstepWorld):
 
     def reset(self, robots, *args, **more):
         super().reset(robots, *args, **more)
-        for i, rng in zip(robots, self.rngs[robots, env.WORLD]):
-            heights = rng.uniform(0, self.highest, (40, 40))
+        for i in robots:
+            heights = self.dice[i].world.uniform(0, self.highest, (40, 40))
             heights[19:21, 19:21] = 0
             # 4 samples each; a robot's model is its own since the reset
             self.simulator.models[i].hfield_data = np.kron(heights, np.ones((4, 4))).ravel()
@@ -83,7 +83,8 @@ class SlowNoise(env.FootstepWorld):
     """The noise of a goal is slow."""
 
     def set_goal(self, robots, goals):
-        self.rngs[robots, env.NOISE] = [*map(Slow, self.rngs[robots, env.NOISE])]
+        for i in robots:
+            self.dice[i] = self.dice[i]._replace(noise=Slow(self.dice[i].noise))
         super().set_goal(robots, goals)
 
 

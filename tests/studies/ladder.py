@@ -88,8 +88,7 @@ def learn(sim, name, seed, model=ppo.ActorCritic, config=ppo.PPOConfig(), **worl
     folder = common.work(sim, "ladder", f"{name}_{seed}")
     if not (folder / "policy.pt").is_file():
         envs = partial(env.FootstepVectorEnv, sim=sim, noise=True, **world)
-        resume = (folder / "checkpoint.pt").is_file()
-        ppo.train(config, envs, folder, STEPS[sim], seed, resume, make_model=model)
+        ppo.train(config, envs, folder, STEPS[sim], seed, make_model=model)
     network, _ = ppo.load_policy(folder / "policy.pt", model)
     return evaluate.PolicyPlanner(network)
 
@@ -174,6 +173,7 @@ def study_rungs(args):
 def cut_off_is_end(model, optimizer, data, cfg):
     """`improve` of a learner that takes the end of the time for a fall."""
     data["terminated"] = data["terminated"] | data["truncated"]
+    data["advantage"], data["target"] = ppo.advantages_and_targets(model, data, cfg)
     return ppo.improve(model, optimizer, data, cfg)
 
 

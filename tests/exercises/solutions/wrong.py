@@ -309,7 +309,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("gradients of any length", "as long as the gradient")
 @wrong("limits the actor's gradient only", "actor and critic together")
 @wrong("zero_grad is forgotten", "zero_grad")
-@wrong("judges in every epoch", "is `advantages_and_targets` called more than once?")
+@wrong("judges in every epoch", "targets and π_old stay as they are given")
 @wrong("a KL with much noise", "KL, clip fraction")
 @wrong("actions of other samples", "still belong together")
 @wrong("π_old in the order of the rollout", "of the same `pick`")
@@ -321,8 +321,9 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("shuffled once", "every epoch shuffles")
 @wrong("the entropy after the update", "entropy")
 def improve(model, optimizer, data, cfg):
-    advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
-    obs, action = data["obs"].flatten(0, 1), data["action"].flatten(0, 1)
+    obs, action, old_log_prob, advantages, targets = (
+        data[name].flatten(0, 1) for name in ("obs", "action", "log_prob", "advantage", "target")
+    )
     with torch.no_grad():
         entropy = model.policy(obs).entropy().mean().item()
         unexplained = np.var((targets - model.value(obs)).numpy()) / np.var(targets.numpy())
@@ -331,7 +332,9 @@ def improve(model, optimizer, data, cfg):
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
-            advantages, targets, old_log_prob = advantages_and_targets(model, data, cfg)
+            judged = advantages_and_targets(model, data, cfg)
+            advantages, targets = (values.flatten() for values in judged)
+            old_log_prob = model.policy(obs).log_prob(action).detach()
         order = torch.randperm(len(obs))
         if mistake == "shuffled by NumPy":
             order = torch.from_numpy(np.random.permutation(len(obs)))

@@ -1,6 +1,6 @@
 """PPO without a robot: the learner of stage 4 swings up a pendulum and holds it.
 
-    python tests/exercises/starters/pendulum.py [--steps N] [--seed S] [--out DIR] [--resume]
+    python tests/exercises/starters/pendulum.py [--steps N] [--seed S] [--out DIR]
     python tests/exercises/starters/pendulum.py --stages exercises/lesson8    with your own stage 4
 
 Pendulum-v1 of Gymnasium: a rod hangs on a motor that is too weak to lift it at once. An action is
@@ -29,7 +29,6 @@ parser.add_argument("--stages", type=Path, default=ROOT, help="the folder of you
 parser.add_argument("--steps", type=int, default=60_000)
 parser.add_argument("--seed", type=int, default=0)
 parser.add_argument("--out", type=Path)
-parser.add_argument("--resume", action="store_true")
 stages = parser.parse_args().stages if __name__ == "__main__" else ROOT
 sys.path[:0] = [str(stages), str(ROOT)]
 robot_model, ppo = import_module("01_robot_model"), import_module("04_ppo")
@@ -91,7 +90,7 @@ def main(argv=None):
     if args.steps < 1:
         parser.error("--steps from 1 on")
     out = robot_model.output_folder(args)
-    _, rows = ppo.train(CONFIG, gym_envs, out, args.steps, args.seed, args.resume)
+    _, rows = ppo.train(CONFIG, gym_envs, out, args.steps, args.seed)
     plot(rows, out / "learning_curve.png")
     print(f"the last return: {rows[-1]['return']:.1f}")
     print("policy.pt, learning_curve.csv and learning_curve.png are in", out)
