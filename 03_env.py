@@ -45,8 +45,11 @@ Read down to the line of equals signs. Below it are the estimate of the goal, wh
 world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
 """
 
+import runpy  # MERGE: the other helper's version wins
+import sys  # MERGE: the other helper's version wins
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path  # MERGE: the other helper's version wins
 
 import gymnasium as gym
 import numpy as np
@@ -621,6 +624,35 @@ class FootstepEnv(gym.Env):
 
 
 gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:FootstepVectorEnv")
+
+
+# ------------------------------------------------------------------------ files of one's own
+# MERGE: the other helper's version wins
+def names_in(path, **wanted):
+    """What a file of your own defines: its values of these names, which must have these types.
+    Errors in the file show their own traceback."""
+    path = Path(path)
+    if path.suffix != ".py" or not path.is_file():
+        raise robot_model.InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
+    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
+    names = runpy.run_path(str(path), run_name=path.as_posix())
+    for name, kind in wanted.items():
+        if not isinstance(names.get(name), kind):
+            raise robot_model.InputError(
+                f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
+            )
+    return [names[name] for name in wanted]
+
+
+# MERGE: the other helper's version wins
+def robot_settings(path, sim):
+    """What a file with ROBOT, WALK, LIMITS says, for `FootstepWorld`."""
+    kinds = {
+        "ROBOT": robot_model.RobotModel,
+        "WALK": walk_engine.WalkParameters,
+        "LIMITS": StepLimits,
+    }
+    return dict(zip(("robot", "walk", "limits"), names_in(path, **kinds)))
 
 
 # ------------------------------------------------------------------------ demonstration

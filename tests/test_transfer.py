@@ -147,7 +147,8 @@ def test_rows_become_a_table(monkeypatch):
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
     path = TESTS / "exercises" / "starters" / "op3.py"
-    world = evaluate.make_world(Namespace(sim="mujoco", robot=path, friction=None), 1)
+    args = Namespace(sim="mujoco", robot=path, friction=None)
+    world = evaluate.env.FootstepWorld(1, **evaluate.world_settings(args))
     tuned, robot = world.engine.parameters, world.engine.robot
     measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, world.limits)
     assert measured["stood"] > 0.8
