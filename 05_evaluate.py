@@ -501,7 +501,7 @@ def ratio_line(row):
         low, high = row["time_ratio_ci95"]
         time = f"{row['time_ratio']:.3f} [{low:5.3f}, {high:5.3f}]"
         shares = f"{row['faster']:.3f}, {row['equal']:.3f}, {row['slower']:.3f}"
-    falls = f"{row['only_ours']:3}, {row['only_theirs']:3}"
+    falls = f"{row['only_ours']}, {row['only_theirs']}"
     return f"{goals} | {noise} | {row['reference']} | {time} | {shares} | {falls} | {row['p']:.3f}"
 
 

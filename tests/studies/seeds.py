@@ -195,8 +195,8 @@ def study_pairs(args):
             aspect="equal",
             xlabel="time of baseline_tuned [s]",
             ylabel="time of the policy [s]",
-            title=f"{'far' if far else 'near'} goals: the policy needs fewer, as many,\n"
-            "more double steps to {} %, {} %, {} % of {}".format(*shares, ratio["goals"]),
+            title=f"{ratio['goals']} {'far' if far else 'near'} goals: with the policy fewer double steps\n"
+            "to {} %, as many to {} %, more to {} %".format(*shares),
         )
     robot_model.save_figure(figure, args.out / "seeds.pairs.png")
     return rows
