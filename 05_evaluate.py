@@ -32,8 +32,8 @@ sidesteps and turns between both feet, in proportion to what each foot may do.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
 noise (common random numbers), so no row has easier goals, and we may compare trial by trial: falls
-with `mcnemar`, times with `bootstrap`. Two intervals of `wilson` that overlap do not answer whether
-two planners differ. A far walk has the floor, the body and the noise of a near one, so 500 near and
+with `mcnemar`, times with `bootstrap`. Whether two planners differ is not answered by the intervals
+of their rates (`wilson`), which say how sure we are of each alone. A far walk has the floor, the body and the noise of a near one, so 500 near and
 500 far walks are 500 pairs, not 1,000 independent walks. Seed 0 is for trying things. Test your
 final choice with another `--seed`.
 
@@ -173,14 +173,16 @@ def time_ratio(walks, reference):
     time_ratio              mean time / mean time of the reference
     time_ratio_ci95         its interval (holds the truth in 95 %, with 20 goals in 92 %; of fewer
                             goals nan)
-    faster, equal, slower   shares of the goals reached with fewer, as many, more double steps (a
-                            time in seconds tells planners apart that differ by one wait of 10 ms)"""
+    faster, equal, slower   shares of the goals that took fewer, as many, more double steps (not
+                            seconds: a robot that waits for 0.01 s is not a slower one)"""
     both = (walks["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
         return {}
     ours, theirs = walks["time"][both], reference["time"][both]  # [goals] [s]
     interval = np.full(2, np.nan)
-    if len(ours) >= 20:  # in pairs: both take long to a distant goal; this cancels in the ratio
+    if len(ours) >= 20:
+        # In pairs: both take long to a distant goal, and this cancels in the ratio. (Without pairs
+        # our intervals would be about twice as wide.)
         interval = bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)
     more_steps = walks["steps"][both] - reference["steps"][both]  # [goals]
     return {
@@ -405,12 +407,12 @@ def evaluate_all(args, blocks, planners, settings):
         for name, planner in planners.items()
     }
     others = in_other_processes(jobs, args.jobs) if args.jobs > 1 else nullcontext({})
-    count, found = sum(len(trials.goals) for _, trials, _ in jobs.values()), {}
+    count, found = args.episodes * len(jobs), {}
     # The bar ends before Ctrl-C says its line.
     with tqdm(total=count, unit=" walks", leave=False) as bar, others as futures:
         for row, job in jobs.items():
             parts = []
-            for future in futures.get(row, [None]):
+            for future in futures.get(row, [None]):  # None: this process walks, all at once
                 parts.append(future.result() if future else walk(*job))
                 bar.update(len(parts[-1]["time"]))
             found[row] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -534,15 +536,15 @@ def write_trials(path, blocks, results):
     """Writes a line for each trial; blocks: Trials by σ, results by (planner, noise, σ)."""
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
-    columns = "mu", "outcome", "time", "steps", "still_there"  # of what `evaluate` returns
-    lines.writerow(["planner", "noise", "goal_std_m", "seed", "trial", "x", "y", "yaw", *columns])
+    head = "planner noise goal_std_m seed trial x y yaw mu outcome time steps still_there"
+    lines.writerow(head.split())
     yes = {True: "yes", False: "no"}
     for (planner, noise, std), walks in results.items():
         trials = blocks[std]
         for i, goal in enumerate(trials.goals):
-            values = [walks[name][i] for name in columns]
-            values[-1] = yes[values[-1]]
-            lines.writerow([planner, yes[noise], std, trials.seed, i, *goal, *values])
+            which = [planner, yes[noise], std, trials.seed, i, *goal]
+            walk = [walks[name][i] for name in ("mu", "outcome", "time", "steps")]
+            lines.writerow([*which, *walk, yes[walks["still_there"][i]]])
     robot_model.write_text(path, text.getvalue())
 
 
@@ -656,9 +658,8 @@ def arguments(argv, doc=__doc__):
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         script = __name__ == "__main__" and "__file__" in globals()
         args.jobs = robot_model.CORES if script and args.sim == "pymunk" else 1
-    if min(args.episodes, args.jobs) < 1 or not all(
-        0 <= size < 1e3 for size in (args.push or 0, args.friction or 0)
-    ):
+    sizes = args.push or 0, args.friction or 0
+    if min(args.episodes, args.jobs) < 1 or not all(0 <= size < 1e3 for size in sizes):
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     places = "runs", "results", Path(robot_model.__file__).with_name("results")
     files = [Path(folder, args.sim, "policy.pt") for folder in places]
@@ -670,10 +671,8 @@ def write_results(args, blocks, results, out):
     """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
     rows = [summary(*row, walks) for row, walks in results.items()]
     ratios = compare(results)
-    others = "push", "friction", "robot"
-    flags = [
-        f"--{name} {getattr(args, name)}" for name in others if getattr(args, name) is not None
-    ]
+    given = {name: getattr(args, name) for name in ("push", "friction", "robot")}
+    flags = [f"--{name} {value}" for name, value in given.items() if value is not None]
     text = table(rows, ratios, " ".join(flags))
     print(f"\n{text}")  # before files are written, which may fail
     content = json.dumps(vars(args) | {"rows": rows, "ratios": ratios}, default=str)
