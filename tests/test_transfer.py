@@ -131,7 +131,8 @@ def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
 
 @pytest.mark.shipped
 def test_rows_become_a_table(monkeypatch):
-    ended = {"outcome": np.array(["success"] * 2), "time": np.ones(2), "still_there": np.ones(2)}
+    ended = {"outcome": np.array(["success"] * 2)}
+    ended |= {name: np.ones(2) for name in ("time", "steps", "still_there")}
     monkeypatch.setattr(common, "walks", lambda *_: ended)
     monkeypatch.setattr(transfer, "BulletSim", robot_model.MujocoSim)  # PyBullet may be missing
     args = Namespace(sim="mujoco", walks=2, brief=False, bullet=True, urdf=URDF)
