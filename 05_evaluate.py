@@ -330,15 +330,14 @@ class PolicyPlanner:
 
 # ------------------------------------------------------------------------ all rows of the table
 def world_settings(args):
-    """What the command line says of the world, for `FootstepWorld`: the robot of a file of your
-    own, the same floor for all."""
-    settings = {"sim": args.sim}
+    """What the command line says of every world, as arguments of `FootstepWorld`: which simulator,
+    the robot of a file of your own, the same floor for all."""
+    settings = {"sim": args.sim, "robot": robot_model.ROBOT}
     if args.robot:
         with one_line_if_it_exits(args.robot):
             settings |= env.robot_settings(args.robot, args.sim)
     if args.friction is not None:
-        robot = settings.get("robot", robot_model.ROBOT)
-        settings["robot"] = replace(robot, friction=args.friction)
+        settings["robot"] = replace(settings["robot"], friction=args.friction)
         settings["spread"] = env.Spread(friction=0.0)
     return settings
 
@@ -363,8 +362,8 @@ PART = 100  # trials that go to another process together; with 50 all walks take
 
 
 def parts_of(trials):
-    """The same trials in parts of nearly equal size, so that none of several has one robot alone,
-    which PyTorch rounds otherwise than many."""
+    """The same trials in parts of nearly equal size. So no part of several has one robot alone, for
+    which PyTorch rounds in another way than for many."""
     starts = range(0, len(trials.goals), PART)
     return [
         replace(trials, goals=trials.goals[own], first=int(own[0]))
@@ -374,9 +373,9 @@ def parts_of(trials):
 
 @contextmanager
 def in_other_processes(jobs, count):
-    """Lets so many processes walk, but not for a user's planner; jobs: arguments of `walk` by row.
-    Gives futures by row, one for each part of its trials. Behind the block, or after an error or
-    Ctrl-C in it, these processes end at once, and no others."""
+    """Lets so many other processes walk, but not for a user's planner; jobs: arguments of `walk` by
+    row. Gives futures by row, one for each part of its trials. When the block ends, also by an
+    error or by Ctrl-C, these processes end at once, and no others."""
     others = multiprocessing.active_children()
     with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us

@@ -92,7 +92,7 @@ def main(argv=None):
     args = evaluate.arguments(argv, __doc__)
     world = env.FootstepWorld(1, noise=args.noise, **evaluate.world_settings(args))
     planners, name = evaluate.choose_planners(world, args.policy, args.planner)
-    with evaluate.one_line_if_it_exits(name):
+    with evaluate.one_line_if_it_exits(type(planners[name]).__module__):  # its file
         play(world, name, planners[name], (args.push or 0.6, 0))
 
 
