@@ -611,16 +611,18 @@ def plot_footsteps(world, planners, trials, path):
 def foot_poses(robot, torso, joints):
     """Where the ankles are on the floor, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
     torso [K, 6], joints [K, 12]."""
-    frames = robot_model.body_frames(robot, torso, joints)
-    points, turns = (frame[:, [4, 8]] for frame in frames)  # of the feet  [K, 2, 3, …]
-    yaw = np.arctan2(turns[..., 1, 0], turns[..., 0, 0])  # [K, 2]
-    return np.dstack([points[..., :2], yaw])
+    origins, turns = robot_model.body_frames(robot, torso, joints)
+    ankles = origins[:, [4, 8]]  # [K, 2, 3]
+    toes = turns[:, [4, 8]][..., 0]  # [K, 2, 3] the x axes of the feet
+    yaw = np.arctan2(toes[..., 1], toes[..., 0])  # [K, 2]
+    return np.dstack([ankles[..., :2], yaw])
 
 
 def draw_walks(panel, world, planner, trials):
     """Draws walks from above while the robots walk, and at each goal how the walk to it ends. Of
     many footprints every second pair is drawn, or every third, …, and the last one."""
-    standing = foot_poses(world.engine.robot, *(part[None] for part in world.engine.stance))
+    torso, joints = world.engine.stance
+    standing = foot_poses(world.engine.robot, torso[None], joints[None])
     feet = [[*standing] for _ in trials.goals]  # [K, 2, 3] of every robot
 
     def watch(robots, motion):
