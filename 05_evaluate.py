@@ -9,9 +9,9 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
     python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
-    python 05_evaluate.py --play           click a goal, push the robot
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
     python 05_evaluate.py --mujoco         all of this in 3-D
+    python tests/studies/play.py           click a goal, and watch a planner walk there
 
 The stage evaluates your own policy, in `runs/<sim>/`, or else the shipped one in `results/<sim>/`;
 `--policy` names other files. A policy trained with another walk, task or robot is evaluated, too,
@@ -26,22 +26,19 @@ A planner is a class with `reset(num_robots)`, called before the trials of a row
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
 measurements so far. A planner may use nothing but the view. `tests/studies/search.py` is a worked
-example. All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the
-same noise (common random numbers). So no row has easier goals. `baseline` is the team's controller,
-[10], with which the paper compares, but ours decides once per double step. `baseline_tuned` has
-settings optimised for this world. It also divides sidesteps and turns between both feet, turns in
-proportion to the feet's limits.
+example. `baseline` is the team's controller, [10], with which the paper compares, but ours decides
+once per double step. `baseline_tuned` has settings optimised for this world; it also divides
+sidesteps and turns between both feet, in proportion to what each foot may do.
 
-How sure are we? The true rate p is the rate in infinitely many walks, or trials. In n walks we
-count the rate p̂. A 95 % interval contains all p that do not contradict p̂, |p̂ − p| ≤ 1.96·√(p·(1
-− p)/n). Of 100 such intervals about 95 contain the truth. Whether two planners differ is another
-question, and their two intervals do not answer it. The planners met the same trials, so we compare
-trial by trial: falls with `mcnemar`, times with `bootstrap`. A far walk has the floor, the body and
-the noise of a near one, and a goal twice as far. So 500 near and 500 far walks are 500 pairs, not
-1,000 independent walks. Seed 0 is for trying things. Test your final choice with another `--seed`.
+All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
+noise (common random numbers), so no row has easier goals, and we may compare trial by trial: falls
+with `mcnemar`, times with `bootstrap`. Whether two planners differ is not answered by the intervals
+of their rates (`wilson`), which say how sure we are of each alone. A far walk has the floor, the body and the noise of a near one, so 500 near and
+500 far walks are 500 pairs, not 1,000 independent walks. Seed 0 is for trying things. Test your
+final choice with another `--seed`.
 
 Read down to the line of equals signs: trials and statistics. Below it are the baseline, the rows of
-the table, the tables, files, pictures, and the window to play with.
+the table, the tables, files and pictures.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -53,16 +50,15 @@ import itertools
 import json
 import math
 import multiprocessing
-import runpy
 import signal
-import sys
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-import matplotlib.pyplot as plt  # only for the window
 import numpy as np
+from matplotlib.figure import Figure
 from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
@@ -79,8 +75,9 @@ class Trials:
     """Where n robots should go, and what their random floors, bodies and noise depend on."""
 
     goals: np.ndarray  # [n, 3] x, y [m], yaw [rad]
-    seed: int  # of the random stream; trial i is number i in it
+    seed: int  # of the random stream
     purpose: str = "evaluation"  # a name in `STREAMS` of stage 3
+    first: int = 0  # the number of the first trial in the stream
 
 
 def draw_trials(seed, count, far=False, purpose="evaluation"):
@@ -100,12 +97,13 @@ def evaluate(planner, world, trials, watch=None):
     n = len(trials.goals)
     everybody = np.arange(n)
     # One generator per trial: its numbers depend neither on the planner nor on other trials.
-    rngs = [env.stream(trials.purpose, trials.seed, i) for i in range(n)]
+    rngs = [env.stream(trials.purpose, trials.seed, trials.first + i) for i in range(n)]
     world.reset(everybody, rngs, trials.goals)
     planner.reset(n)
     outcome = np.full(n, "running", object)
     time = np.zeros(n)  # [s]
     walking = everybody  # [k] whose trial has not ended
+
     while len(walking):
         result = double_step(planner, world, walking)
         for name in OUTCOMES:  # the simulated pose decides
@@ -114,7 +112,8 @@ def evaluate(planner, world, trials, watch=None):
         if watch:
             watch(walking, result["motion"])
         walking = walking[outcome[walking] == "running"]
-    steps = world.steps[everybody]  # a copy, for two more double steps follow
+    steps = world.steps[:n].copy()
+
     still_there = np.zeros(n, bool)
     standing = everybody[outcome == "success"]
     for _ in range(2):  # two more double steps, in place; what counts is where the second one ends
@@ -122,6 +121,7 @@ def evaluate(planner, world, trials, watch=None):
             result = world.step([world.neutral_action] * len(standing), standing)
             still_there[standing] = result["inside"]
             standing = standing[~result["fall"]]
+
     return {
         "mu": world.simulator.body.friction[everybody],
         "outcome": outcome,
@@ -143,13 +143,16 @@ def double_step(planner, world, robots, push=(0, 0)):
 
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
-    """95 % interval [low, high] of a rate: `count` of `total` trials (Wilson score; it has a width
-    also at 0)."""
+    """95 % interval [low, high] of a rate, of which we have counted `count` of `total` trials (the
+    Wilson score). It holds every rate p, of infinitely many trials, with which our own rate p̂ would
+    not be surprising: |p̂ − p| ≤ z·√(p·(1 − p)/n). Of 100 such intervals about 95 hold the truth."""
+    # Squared, with "=", this is a quadratic equation of p. Its solutions are the ends:
     # (p̂ + z²/(2n) ± z·√(p̂·(1 − p̂)/n + z²/(4n²))) / (1 + z²/n)
-    p, shrink = count / total, 1 + z**2 / total
-    centre = p + z**2 / (2 * total)
-    margin = z * math.sqrt(p * (1 - p) / total + z**2 / (4 * total**2))
-    return [max(0.0, (centre - margin) / shrink), min(1.0, (centre + margin) / shrink)]
+    rate = count / total  # p̂; the interval has a width also if it is 0
+    middle = rate + z**2 / (2 * total)
+    to_an_end = z * math.sqrt(rate * (1 - rate) / total + z**2 / (4 * total**2))
+    scale = 1 + z**2 / total
+    return [max(0.0, (middle - to_an_end) / scale), min(1.0, (middle + to_an_end) / scale)]
 
 
 def bootstrap(statistic, *samples, resamples=2000):
@@ -163,25 +166,32 @@ def bootstrap(statistic, *samples, resamples=2000):
     return np.percentile(statistic(*(sample[pick] for sample in samples)), [2.5, 97.5])
 
 
-def time_ratio(trials, reference):
-    """Compares the times of two planners over the goals that both reached; returns a dict:
-    goals                         how many these are; the dict is empty if there is none
-    time_ratio, time_ratio_ci95   mean time / mean time of the reference, its interval (covers
-                                  the truth in 95 %, with 20 goals in 92 %; below 20 nan)
-    faster, slower                shares of the goals reached sooner, later than by the reference"""
-    both = (trials["outcome"] == "success") & (reference["outcome"] == "success")
+def time_ratio(walks, reference):
+    """Compares two planners over the goals that both reached; walks, reference: what `evaluate`
+    returns of the same trials. Returns a dict:
+    goals                   how many these are; the dict is empty if there is none
+    time_ratio              mean time / mean time of the reference
+    time_ratio_ci95         its interval (holds the truth in 95 %, with 20 goals in 92 %; of fewer
+                            goals nan)
+    faster, equal, slower   shares of the goals that took fewer, as many, more double steps (not
+                            seconds: a robot that waits for 0.01 s is not a slower one)"""
+    both = (walks["outcome"] == "success") & (reference["outcome"] == "success")
     if not both.any():
         return {}
-    ours, theirs = trials["time"][both], reference["time"][both]
+    ours, theirs = walks["time"][both], reference["time"][both]  # [goals] [s]
     interval = np.full(2, np.nan)
-    if len(ours) >= 20:  # in pairs: both take long to a distant goal; this cancels in the ratio
+    if len(ours) >= 20:
+        # In pairs: both take long to a distant goal, and this cancels in the ratio. (Without pairs
+        # our intervals would be about twice as wide.)
         interval = bootstrap(lambda a, b: a.mean(1) / b.mean(1), ours, theirs)
+    more_steps = walks["steps"][both] - reference["steps"][both]  # [goals]
     return {
         "goals": len(ours),
         "time_ratio": ours.mean() / theirs.mean(),
         "time_ratio_ci95": [*interval],
-        "faster": np.mean(ours < theirs),
-        "slower": np.mean(ours > theirs),
+        "faster": np.mean(more_steps < 0),
+        "equal": np.mean(more_steps == 0),
+        "slower": np.mean(more_steps > 0),
     }
 
 
@@ -213,7 +223,7 @@ class BaselineSettings:
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
     far_m: float = 1.0  # [m] farther away the robot turns to the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
-    share: bool = False  # do both feet share a sideways distance, and a turn by their limits? Ours
+    share: bool = False  # do the feet share sidesteps and turns in proportion to their limits? Ours
 
 
 TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-28
@@ -273,11 +283,12 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     # yaw: the turn ω·period is shared in the same way
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] of both feet together, to the left [m, rad]
-    leading = np.multiply(lead, way)  # of the leading foot
-    left = np.where(way > 0, leading, way - leading)
-    right = np.where(way > 0, way - leading, leading)
-    mirrored = -right
-    return np.stack([np.column_stack([forward, side]) for side in (left, mirrored)], 1)
+    first = way * lead  # of the leading foot
+    rest = way - first  # of the other foot
+    left = np.where(way > 0, first, rest)
+    right = np.where(way > 0, rest, first)
+    outward = left, -right
+    return np.stack([np.column_stack([forward, side]) for side in outward], 1)
 
 
 class BaselinePlanner:
@@ -299,8 +310,8 @@ class BaselinePlanner:
         self.velocity[view.robots] = velocity
         lead = (1, 0.5)  # [10]: only the leading foot steps sideways; both feet turn by the same
         if self.settings.share:  # each foot in proportion to its limit: out / (out + in)
-            span = np.subtract(view.limits.high, view.limits.low)  # [3]
-            lead = (view.limits.high / np.maximum(span, 1e-9))[1:]
+            span = np.subtract(view.limits.high, view.limits.low)[1:]  # [2] of y, of yaw
+            lead = view.limits.high[1:] / np.maximum(span, 1e-9)
         return env.to_action(velocity_to_footsteps(velocity, view.period, lead), view.limits)
 
 
@@ -318,82 +329,118 @@ class PolicyPlanner:
 
 
 # ------------------------------------------------------------------------ all rows of the table
-def make_world(args, count, **settings):
-    """A world as the command line asks for: with the robot of a file of your own, and with the same
-    floor for all."""
-    settings["robot"] = robot_model.ROBOT
+def world_settings(args):
+    """What the command line says of every world, as arguments of `FootstepWorld`: which simulator,
+    the robot of a file of your own, the same floor for all."""
+    settings = {"sim": args.sim, "robot": robot_model.ROBOT}
     if args.robot:
-        settings["robot"], settings["walk"], settings["limits"] = names_in(
-            args.robot,
-            ROBOT=robot_model.RobotModel,
-            WALK=env.walk_engine.WalkParameters,
-            LIMITS=env.StepLimits,
-        )
+        with one_line_if_it_exits(args.robot):
+            settings |= env.robot_settings(args.robot, args.sim)
     if args.friction is not None:
         settings["robot"] = replace(settings["robot"], friction=args.friction)
         settings["spread"] = env.Spread(friction=0.0)
-    return env.FootstepWorld(count, args.sim, **settings)
+    return settings
 
 
-def walk_row(args, planner, trials, noise):
-    """What `evaluate` returns, in a world as the command line asks for."""
-    world = make_world(args, len(trials.goals), push=args.push or 0, noise=noise)
-    return evaluate(planner, world, trials)
+@contextmanager
+def one_line_if_it_exits(file):
+    """Says in one line which file of a user ends Python, which would end our script in silence."""
+    try:
+        yield
+    except SystemExit as error:
+        raise InputError(f"{file}: ends Python, by exit() or main()") from error
 
 
-def evaluate_all(args, blocks, planners):
-    """Evaluates every planner in every block of Trials; with --noise a second time with noise.
-    Returns what `evaluate` does, by row: (planner's name, noise, σ). blocks: Trials by the σ of
-    their goals [m]. With several jobs other processes walk, but not for a user's planner."""
-    jobs = {  # by row in the order of the table
-        (name, noise, std): (args, planner, trials, noise)
+def walk(planner, trials, settings):
+    """What `evaluate` returns, in a world with these settings."""
+    world = env.FootstepWorld(len(trials.goals), **settings)
+    with one_line_if_it_exits(type(planner).__module__):  # of a planner of your own: its file
+        return evaluate(planner, world, trials)
+
+
+PART = 100  # trials that go to another process together; with 50 all walks take 25 % longer
+
+
+def parts_of(trials):
+    """The same trials in parts of nearly equal size. So no part of several has one robot alone, for
+    which PyTorch rounds in another way than for many."""
+    starts = range(0, len(trials.goals), PART)
+    return [
+        replace(trials, goals=trials.goals[own], first=int(own[0]))
+        for own in np.array_split(np.arange(len(trials.goals)), len(starts))
+    ]
+
+
+@contextmanager
+def in_other_processes(jobs, count):
+    """Lets so many other processes walk, but not for a user's planner; jobs: arguments of `walk` by
+    row. Gives futures by row, one for each part of its trials. When the block ends, also by an
+    error or by Ctrl-C, these processes end at once, and no others."""
+    others = multiprocessing.active_children()
+    with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
+        futures = {
+            row: [pool.submit(walk, planner, part, settings) for part in parts_of(trials)]
+            for row, (planner, trials, settings) in jobs.items()
+            if type(planner) in (PolicyPlanner, BaselinePlanner)
+        }
+        signal.signal(signal.SIGINT, before)
+        ours = {*multiprocessing.active_children()} - {*others}
+        try:
+            yield futures
+        except BrokenExecutor as error:
+            raise InputError("a process was killed: is the memory full? Try --jobs 1") from error
+        finally:
+            for process in ours:
+                process.kill()
+
+
+def evaluate_all(args, blocks, planners, settings):
+    """Evaluates every planner in every block of Trials, in worlds with these settings; with --noise
+    a second time with noise. Returns what `evaluate` does, by row: (planner's name, noise, σ).
+    blocks: Trials by the σ of their goals [m]."""
+    jobs = {  # in the order of the table
+        (name, noise, std): (planner, trials, settings | {"noise": noise, "push": args.push or 0})
         for std, trials in blocks.items()
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
-    futures = {}
-    if args.jobs > 1:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
-        pool = ProcessPoolExecutor(args.jobs, multiprocessing.get_context("spawn"))
-        for row, job in reversed(jobs.items()):  # the baseline takes longest
-            if type(job[1]) in (PolicyPlanner, BaselinePlanner):
-                futures[row] = pool.submit(walk_row, *job)
-        signal.signal(signal.SIGINT, before)
-    try:
-        with tqdm(jobs.items(), leave=False) as bar:  # it ends before Ctrl-C says its line
-            return {
-                row: futures[row].result() if row in futures else walk_row(*job) for row, job in bar
-            }
-    finally:
-        if futures:  # all is done, or must stop
-            for process in multiprocessing.active_children():
-                process.kill()
+    others = in_other_processes(jobs, args.jobs) if args.jobs > 1 else nullcontext({})
+    count, found = args.episodes * len(jobs), {}
+    # The bar ends before Ctrl-C says its line.
+    with tqdm(total=count, unit=" walks", leave=False) as bar, others as futures:
+        for row, job in jobs.items():
+            parts = []
+            for future in futures.get(row, [None]):  # None: this process walks, all at once
+                parts.append(future.result() if future else walk(*job))
+                bar.update(len(parts[-1]["time"]))
+            found[row] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return found
 
 
 # ------------------------------------------------------------------------ tables
 def compare(results):
-    """Compares the policy with every other planner, see `time_ratio`, `mcnemar`; trials by
-    (planner, noise, σ of the goals)."""
+    """Compares the policy with every other planner, see `mcnemar` and, unless they have no goal in
+    common, `time_ratio`. results: what `evaluate` returns, by row."""
     rows = []
-    for (name, noise, std), trials in results.items():
-        ours = results["policy", noise, std]
-        ratio = time_ratio(ours, trials)
-        if name != "policy" and ratio:
+    for (name, noise, std), walks in results.items():
+        if name != "policy":
+            ours = results["policy", noise, std]
             row = {"reference": name, "noise": noise, "goal_std_m": std}
-            row |= mcnemar(ours["outcome"] == "fall", trials["outcome"] == "fall")
-            rows.append(row | ratio)
+            row |= mcnemar(ours["outcome"] == "fall", walks["outcome"] == "fall")
+            rows.append(row | time_ratio(ours, walks))
     return rows
 
 
-def summary(planner, noise, std, trials):
+def summary(planner, noise, std, walks):
     """One row of the table; std: σ of the goals' x and y [m]. nan: there was nothing to measure."""
-    outcome = trials["outcome"]
+    outcome = walks["outcome"]
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
     for name in OUTCOMES:
         count = int((outcome == name).sum())
         row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
     reached = outcome == "success"
-    times, still = trials["time"][reached], trials["still_there"][reached]
+    times, still = walks["time"][reached], walks["still_there"][reached]
     if not reached.any():
         times = still = np.array([np.nan])
     return row | {
@@ -410,55 +457,71 @@ The paper tells neither its σ nor its noise; there, it seems, one double step a
 Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves
 nothing.
 """
-HEAD = """
-Goals: {}; noise: {}
-
-| planner         | success [95 %]       | timeout | fall  | mean, median, 95th [s] | still there |
-| ---             | ---                  | ---     | ---   | ---                    | ---         |
-"""
-ROW = (
-    "| {planner:15} | {success:.3f} [{low:.3f}, {high:.3f}] | {timeout:.3f}   | {fall:.3f} "
-    "| {time_mean:6.2f}, {time_median:6.2f}, {time_p95:6.2f} | {still_there:.3f}       |\n"
-)
 PAPER = {  # Table II, without and with noise; ±: standard deviation of the times
-    "no": """\
-| policy, paper   | 0.980                | 0.000   | 0.020 |   6.07 ± 2.13          |             |
-| baseline, paper | 0.960                | 0.032   | 0.008 |  11.13 ± 4.95          |             |
-""",
-    "yes": """\
-| policy, paper   | 0.978                | 0.000   | 0.022 |   6.35 ± 2.23          |             |
-| baseline, paper | 0.910                | 0.078   | 0.012 |  11.43 ± 5.11          |             |
-""",
+    "no": [
+        "policy, paper | 0.980 | 0.000 | 0.020 |   6.07 ± 2.13 | ",
+        "baseline, paper | 0.960 | 0.032 | 0.008 |  11.13 ± 4.95 | ",
+    ],
+    "yes": [
+        "policy, paper | 0.978 | 0.000 | 0.022 |   6.35 ± 2.23 | ",
+        "baseline, paper | 0.910 | 0.078 | 0.012 |  11.43 ± 5.11 | ",
+    ],
 }
-RATIO_HEAD = """
-Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Falls: walks
-in which the robot fell with `policy` alone, with the other planner alone.
+RATIO_NOTE = """
+Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Faster: shares
+of these goals, by the number of double steps. Falls: walks in which the robot fell with `policy`
+alone, with the other planner alone.
 
-| goals   | noise | other          | time [95 %]          | faster, slower | falls    | p     |
-| ---     | ---   | ---            | ---                  | ---            | ---      | ---   |
 """
-RATIO = (
-    "| {0:7} | {1:5} | {reference:14} | {time_ratio:.3f} [{2:5.3f}, {3:5.3f}] "
-    "| {faster:.3f}, {slower:.3f}   | {only_ours:3}, {only_theirs:3} | {p:.3f} |\n"
-)
+
+
+def markdown(head, rows):
+    """A table in Markdown with aligned columns; a line is a text like "cell | cell"."""
+    lines = [line.split(" | ") for line in (head, *rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    widths = [max(map(len, column)) for column in zip(*lines)]
+    return "".join(f"| {' | '.join(map(str.ljust, line, widths))} |\n" for line in lines)
+
+
+def rate_line(row):
+    """A line of the tables of rates and times."""
+    low, high = row["success_ci95"]
+    return (
+        f"{row['planner']} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
+        f"| {row['timeout']:.3f} | {row['fall']:.3f} "
+        f"| {row['time_mean']:6.2f}, {row['time_median']:6.2f}, {row['time_p95']:6.2f} "
+        f"| {row['still_there']:.3f}"
+    )
+
+
+def ratio_line(row):
+    """A line of the table that compares the policy with another planner."""
+    goals, noise = block_of(row)
+    time, shares = "no goal in common", ""
+    if "time_ratio" in row:
+        low, high = row["time_ratio_ci95"]
+        time = f"{row['time_ratio']:.3f} [{low:5.3f}, {high:5.3f}]"
+        shares = f"{row['faster']:.3f}, {row['equal']:.3f}, {row['slower']:.3f}"
+    falls = f"{row['only_ours']}, {row['only_theirs']}"
+    return f"{goals} | {noise} | {row['reference']} | {time} | {shares} | {falls} | {row['p']:.3f}"
 
 
 def table(rows, ratios, flags=""):
-    """Tables in Markdown, 100 characters wide: our rows and the paper's, in a block for each kind
-    of goals and noise; the policy's times compared with those of others. With flags, which change
-    the walks, the paper's rows are left out."""
+    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise; the
+    policy compared with the others. With flags, which change the walks, the paper's rows are left
+    out."""
     text = f"With {flags}\n" if flags else NOTE
     for (goals, noise), block in itertools.groupby(rows, block_of):
-        text += HEAD.format(goals, noise)
+        lines = []
         for row in block:
-            low, high = row["success_ci95"]
-            text += ROW.format(low=low, high=high, **row)
-        if row["goal_std_m"] == env.Task.goal_std_m and not flags:
-            text += PAPER[noise]
+            lines.append(rate_line(row))
+        if row["goal_std_m"] == env.Task.goal_std_m and not flags:  # all of a block have the same σ
+            lines += PAPER[noise]
+        head = "planner | success [95 %] | timeout | fall | mean, median, 95th [s] | still there"
+        text += f"\nGoals: {goals}; noise: {noise}\n\n{markdown(head, lines)}"
     if ratios:
-        text += RATIO_HEAD
-    for row in ratios:
-        text += RATIO.format(*block_of(row), *row["time_ratio_ci95"], **row)
+        head = "goals | noise | other | time [95 %] | faster, equal, slower | falls | p"
+        text += RATIO_NOTE + markdown(head, map(ratio_line, ratios))
     return text
 
 
@@ -475,11 +538,12 @@ def write_trials(path, blocks, results):
     head = "planner noise goal_std_m seed trial x y yaw mu outcome time steps still_there"
     lines.writerow(head.split())
     yes = {True: "yes", False: "no"}
-    for (planner, noise, std), ended in results.items():
+    for (planner, noise, std), walks in results.items():
         trials = blocks[std]
         for i, goal in enumerate(trials.goals):
-            *walk, still = (values[i] for values in ended.values())
-            lines.writerow([planner, yes[noise], std, trials.seed, i, *goal, *walk, yes[still]])
+            which = [planner, yes[noise], std, trials.seed, i, *goal]
+            walk = [walks[name][i] for name in ("mu", "outcome", "time", "steps")]
+            lines.writerow([*which, *walk, yes[walks["still_there"][i]]])
     robot_model.write_text(path, text.getvalue())
 
 
@@ -487,36 +551,25 @@ def load_policy(path, world):
     """The planner of a policy.pt. Prints what differs from its training. Raises an InputError if it
     cannot work in this world."""
     model, about = ppo.load_policy(path)
-    fits, here = about.get("fits", {}), ppo.fingerprint(world)
-    other = [name for name in here if fits.get(name) != here[name]]
-    if {"simulator", "observation"} & {*other}:
-        raise InputError(
-            f"{path}: trained in {fits.get('simulator')}, this is {world.sim} (--mujoco: mujoco); "
-            "or with another observation: train it again"
-        )
-    if other:
-        print(f"note: {path.as_posix()} was trained with another {', '.join(other)}")
+    here, there = ppo.fingerprint(world), about.get("fits")
+    if not there:
+        raise InputError(f"{path}: trained in another environment, not to choose footsteps")
+    different = [name for name in here if there.get(name) != here[name]]
+    if "simulator" in different:
+        trained = there.get("simulator")
+        raise InputError(f"{path}: trained in {trained}, this is {world.sim} (--mujoco: mujoco)")
+    if "observation" in different:
+        raise InputError(f"{path}: trained with another observation: train it again")
+    if different:
+        print(f"note: {path.as_posix()} was trained with another {', '.join(different)}")
     return PolicyPlanner(model)
-
-
-def names_in(path, **wanted):
-    """What a file of your own defines: its values of these names, which must have these types.
-    Errors in the file show their own traceback."""
-    if path.suffix != ".py" or not path.is_file():
-        raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
-    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    names = runpy.run_path(str(path), run_name=path.as_posix())
-    for name, kind in wanted.items():
-        if not isinstance(names.get(name), kind):
-            raise InputError(
-                f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
-            )
-    return [names[name] for name in wanted]
 
 
 def load_planner(path):
     """The planner in a file of your own."""
-    return names_in(path, Planner=type)[0]()
+    with one_line_if_it_exits(path):
+        (planner_class,) = env.names_in(path, Planner=type)
+        return planner_class()
 
 
 def choose_planners(world, policies, files=()):
@@ -543,7 +596,7 @@ def choose_planners(world, policies, files=()):
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
     """Draws the paper's Fig. 3: walks to the same goals; planners by name (three)."""
-    figure = robot_model.Figure(figsize=(9, 4.2))
+    figure = Figure(figsize=(9, 4.2))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, planners.items()):
         draw_walks(panel, world, planner, trials)
@@ -558,16 +611,18 @@ def plot_footsteps(world, planners, trials, path):
 def foot_poses(robot, torso, joints):
     """Where the ankles are on the floor, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
     torso [K, 6], joints [K, 12]."""
-    frames = robot_model.body_frames(robot, torso, joints)
-    points, turns = (frame[:, [4, 8]] for frame in frames)  # of the feet  [K, 2, 3, …]
-    yaw = np.arctan2(turns[..., 1, 0], turns[..., 0, 0])  # [K, 2]
-    return np.dstack([points[..., :2], yaw])
+    origins, turns = robot_model.body_frames(robot, torso, joints)
+    ankles = origins[:, [4, 8]]  # [K, 2, 3]
+    toes = turns[:, [4, 8]][..., 0]  # [K, 2, 3] the x axes of the feet
+    yaw = np.arctan2(toes[..., 1], toes[..., 0])  # [K, 2]
+    return np.dstack([ankles[..., :2], yaw])
 
 
 def draw_walks(panel, world, planner, trials):
     """Draws walks from above while the robots walk, and at each goal how the walk to it ends. Of
     many footprints every second pair is drawn, or every third, …, and the last one."""
-    standing = foot_poses(world.engine.robot, *(part[None] for part in world.engine.stance))
+    torso, joints = world.engine.stance
+    standing = foot_poses(world.engine.robot, torso[None], joints[None])
     feet = [[*standing] for _ in trials.goals]  # [K, 2, 3] of every robot
 
     def watch(robots, motion):
@@ -578,108 +633,34 @@ def draw_walks(panel, world, planner, trials):
 
     end = evaluate(planner, world, trials, watch)
     for i, (x, y, yaw) in enumerate(trials.goals):
-        few = feet[i][:: -1 - len(feet[i]) // 12]
-        env.draw_way(panel, world, [x, y, yaw], few, robot_model.camera_at(-90, 90))
+        every = 1 + len(feet[i]) // 12
+        drawn = feet[i][::-every]
+        env.draw_way(panel, world, [x, y, yaw], drawn, robot_model.camera_at(-90, 90))
         ending = f"{end['outcome'][i]}\n{end['time'][i]:.1f} s"  # on the far side of the goal
         panel.text(x, y + math.copysign(0.45, y), ending, size=13, ha="center", va="center")
 
 
-def pictures(axes, world, planner, feet, push, name, window):
-    """Lets the first robot do a double step, and draws it. Yields the result of `double_step` after
-    every picture, one for eight ticks. Yellow: the footsteps that were chosen, from where the right
-    foot stood. feet: a list of earlier ones [2, 3]; those at the beginning are added. push [2]: see
-    `FootstepWorld.step`. (The planar robot's left foot lands to the right of its mark: it cannot
-    spread its legs.)"""
-    engine, began = world.engine, world.ticks[0]
-    result = double_step(planner, world, np.array([0]), push)
-    motion = result["motion"]
-    torso, joints = motion.torso[0], motion.joints[0]  # [T, 6], [T, 12]
-    feet += [*foot_poses(engine.robot, torso[:1], joints[:1])]
-    steps = env.to_footsteps(world.last_action[:1], world.limits)
-    chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
-    for tick in range(0, motion.ticks[0], 8):
-        now, goal = torso[tick], world.goal[0]
-        camera = env.draw_scene(axes, world, goal, feet[-20:], now, joints[tick], chosen)
-        if any(push):  # it lasts for 5 ticks, which nobody would see
-            tip = now[:3] + [0, 0, 0.15]
-            tail = tip - [*robot_model.turned(push, now[5] * engine.planar), 0]  # 1 m is 1 m/s
-            style = {"color": "tab:red", "arrowprops": {"color": "tab:red"}, "ha": "center"}
-            text = f"push: {math.hypot(*push):.1f} m/s"
-            axes.annotate(text, camera[1:] @ tip, camera[1:] @ tail, **style)
-        seconds = (began + tick) * engine.robot.control_dt
-        axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
-        axes.axis(window)
-        yield result
-
-
-def open_window():
-    """An empty figure on the screen, and its axes."""
-    plt.rcParams["toolbar"] = "None"  # every picture sets its own axes, so nobody can zoom
-    figure, axes = plt.subplots(num="Click a goal, and the robot walks there", figsize=(9, 7))
-    if plt.get_backend() == "agg":  # which Matplotlib takes where it can open no window
-        raise InputError("--play needs a display, and Tk or Qt (pip install pyqt6)")
-    return figure, axes
-
-
-def play(world, name, planner, push):
-    """Lets a robot walk to where the mouse is pressed, until the window closes. Dragging gives the
-    goal's heading; space is a push [2]. After a fall the robot stands at the origin again."""
-    figure, axes = open_window()
-    figure.supxlabel("click: a goal; drag: its heading; space: a push")
-    keys, pressed, feet = [], np.zeros(2), []  # pressed: where the mouse was, x, y [m]
-
-    def ground(event):
-        """The place on the floor, x, y [m], to which the mouse points; nan: beside the picture."""
-        place = [event.xdata, event.ydata] if event.inaxes else [np.nan, np.nan]
-        return np.linalg.solve(robot_model.camera_at()[1:, :2], place)
-
-    def press(event):
-        pressed[:] = ground(event)
-
-    def release(event):
-        x, y = ground(event) - pressed
-        if np.isfinite(x):
-            world.set_goal([0], [*pressed, math.atan2(y, x)])
-
-    figure.canvas.mpl_connect("button_press_event", press)
-    figure.canvas.mpl_connect("button_release_event", release)
-    figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
-    world.goal[0], fell = FIGURE_GOALS[0], True
-    while plt.fignum_exists(figure.number):
-        if fell:
-            world.reset([0], goals=world.goal[:1])
-            planner.reset(1)
-            feet.clear()
-        pushed = push if " " in keys else (0, 0)
-        keys.clear()
-        for result in pictures(axes, world, planner, feet, pushed, name, (-1.7, 1.7, -1, 1.6)):
-            plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
-            fell = result["fall"][0]
-
-
 # ------------------------------------------------------------------------ command line
-def arguments(argv):
+def arguments(argv, doc=__doc__):
     """The flags of the command line. Those without a help are told in the head of this file."""
-    parser = robot_model.stage_parser(__doc__)
+    parser = robot_model.stage_parser(doc)
     add = parser.add_argument
-    files = {"type": Path, "nargs": "+", "default": []}
+    several = {"type": Path, "nargs": "+", "default": []}
     add("--noise", action="store_true")
     add("--far", action="store_true")
     add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
     add("--friction", type=float)
     add("--push", type=float)
-    add("--policy", **files)
-    add("--planner", **files)
+    add("--policy", **several)
+    add("--planner", **several)
     add("--robot", type=Path)
-    add("--play", action="store_true")
     add("--jobs", type=int)
     args = parser.parse_args(argv)
     if args.jobs is None:  # MuJoCo has threads; other processes import this script again
         script = __name__ == "__main__" and "__file__" in globals()
         args.jobs = robot_model.CORES if script and args.sim == "pymunk" else 1
-    if min(args.episodes, args.jobs) < 1 or not all(
-        0 <= size < 1e3 for size in (args.push or 0, args.friction or 0)
-    ):
+    sizes = args.push or 0, args.friction or 0
+    if min(args.episodes, args.jobs) < 1 or not all(0 <= size < 1e3 for size in sizes):
         parser.error("--episodes and --jobs from 1 on, --push and --friction from 0 on")
     places = "runs", "results", Path(robot_model.__file__).with_name("results")
     files = [Path(folder, args.sim, "policy.pt") for folder in places]
@@ -689,12 +670,10 @@ def arguments(argv):
 
 def write_results(args, blocks, results, out):
     """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
-    rows = [summary(*key, trials) for key, trials in results.items()]
+    rows = [summary(*row, walks) for row, walks in results.items()]
     ratios = compare(results)
-    others = "push", "friction", "robot"
-    flags = [
-        f"--{name} {getattr(args, name)}" for name in others if getattr(args, name) is not None
-    ]
+    given = {name: getattr(args, name) for name in ("push", "friction", "robot")}
+    flags = [f"--{name} {value}" for name, value in given.items() if value is not None]
     text = table(rows, ratios, " ".join(flags))
     print(f"\n{text}")  # before files are written, which may fail
     content = json.dumps(vars(args) | {"rows": rows, "ratios": ratios}, default=str)
@@ -706,31 +685,18 @@ def write_results(args, blocks, results, out):
 
 def main(argv=None):
     args = arguments(argv)
-    try:
-        run(args)
-    except SystemExit as error:
-        files = filter(None, [*args.planner, args.robot])
-        raise InputError(
-            f"{', '.join(map(str, files))}: ends Python, by exit() or main()"
-        ) from error
-
-
-def run(args):
-    """Does what the command line asks for."""
-    world = make_world(args, len(FIGURE_GOALS))  # for pictures
+    settings = world_settings(args)
+    world = env.FootstepWorld(len(FIGURE_GOALS), **settings)  # for the figure
     planners, shown = choose_planners(world, args.policy, args.planner)
     out = robot_model.output_folder(args)
-    if args.play:
-        play(world, shown, planners[shown], (args.push or 0.6, 0))
-        return
     blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
     if args.far:
         blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
-    results = evaluate_all(args, blocks, planners)
+    results = evaluate_all(args, blocks, planners, settings)
     write_results(args, blocks, results, out)
-    trio = {name: planners[name] for name in ("baseline", "baseline_tuned", shown)}
+    three = {name: planners[name] for name in ("baseline", "baseline_tuned", shown)}
     trials = Trials(np.array(FIGURE_GOALS), args.seed)
-    plot_footsteps(world, trio, trials, out / "footsteps.png")
+    plot_footsteps(world, three, trials, out / "footsteps.png")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 

@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -22,7 +21,6 @@ import numpy as np
 import pytest
 import torch
 from checks import BOTH, close, equal, frozen, locked
-from matplotlib.backend_bases import KeyEvent, MouseEvent
 from matplotlib.figure import Figure
 from numpy.random import default_rng
 from test_03_env import motion
@@ -204,15 +202,25 @@ def test_wilson_interval():
     close(evaluate.wilson(0, 500), [1 - high, 1 - low], "not symmetric")
 
 
-def trials(outcomes, times):
-    """What `evaluate` returns; of the successes all but the second robot are still there."""
+def trials(outcomes, times, steps=None):
+    """What `evaluate` returns; of the successes all but the second robot are still there. A double
+    step lasts a second, unless `steps` says how many there are."""
     outcome = np.array(outcomes)
     still = (outcome == "success") & (np.arange(len(outcome)) != 1)
-    return {"outcome": outcome, "time": np.array(times, float), "still_there": still}
+    steps = np.array(times if steps is None else steps)
+    return {
+        "outcome": outcome,
+        "time": np.array(times, float),
+        "steps": steps,
+        "still_there": still,
+    }
 
 
 FOUR = trials(["success", "success", "fall", "timeout"], [4, 6, 1, 100])
-row_of = partial(evaluate.summary, trials=FOUR)
+
+
+def row_of(*key):
+    return evaluate.summary(*key, FOUR)
 
 
 def test_time_ratio_uses_only_goals_that_both_reached():
@@ -227,10 +235,14 @@ def test_time_ratio_uses_only_goals_that_both_reached():
     )
     close(far_ones["time_ratio"], 83 / 80, "a ratio of the means, not a mean of the ratios")
     close(
-        [far_ones["faster"], far_ones["slower"]],
-        [0.5, 0.25],
-        "two of four take less than the reference, one takes more, one takes as long",
+        [far_ones["faster"], far_ones["equal"], far_ones["slower"]],
+        [0.5, 0.25, 0.25],
+        "two of four take less than the reference, one takes as long, one takes more",
     )
+    waited = trials(["success"] * 4, [1.21, 1.23, 1.2, 1.8], [2, 2, 2, 3])
+    row = evaluate.time_ratio(waited, trials(["success"] * 4, [1.2, 1.22, 1.8, 1.2], [2, 2, 3, 2]))
+    hint = "a wait of 0.01 s is no slower walk, so count double steps, not seconds"
+    close([row["faster"], row["equal"], row["slower"]], [0.25, 0.5, 0.25], hint)
     none = evaluate.time_ratio(trials(["fall"], [1]), trials(["success"], [10]))
     assert none == {}, "no goal in common: an empty dict"
 
@@ -303,13 +315,13 @@ def test_mcnemar_counts_trials_that_differ_and_tosses_coins():
 
 def test_table_has_the_paper_s_rows_below_ours():
     rows = [row_of("policy", True, 0.5), row_of("policy", True, 1.0)]
-    three = ["success"] * 3
+    four = ["success"] * 4
 
-    def pairs(times):  # of 3 times as many goals to which both came
+    def pairs(times):  # of 4 times as many goals to which both came
         return evaluate.compare(
             {
-                ("policy", True, 1.0): trials([*three, "fall"] * times, [3, 8, 12, 1] * times),
-                ("b", True, 1.0): trials([*three, "timeout"] * times, [10, 10, 10, 9] * times),
+                ("policy", True, 1.0): trials([*four, "fall"] * times, [3, 8, 12, 10, 1] * times),
+                ("b", True, 1.0): trials([*four, "timeout"] * times, [10, 10, 10, 10, 9] * times),
                 ("policy", False, 1.0): trials(["success"], [1]),  # another noise: with none
             }
         )
@@ -331,17 +343,31 @@ def test_table_has_the_paper_s_rows_below_ours():
     assert said[1] == "Goals: σ 1.0 m; noise: yes"
     low, high = pairs(7)[0]["time_ratio_ci95"]
     interval = f"[{low:.3f}, {high:.3f}]"
-    want = f"| σ 1.0 m | yes | b | 0.767 {interval} | 0.667, 0.333 | 7, 0 | 0.016 |"
-    hint = (
-        "goal by goal 0.3, 0.8, 1.2: two of three are faster, one is slower; the policy alone fell"
-    )
+    want = f"| σ 1.0 m | yes | b | 0.825 {interval} | 0.500, 0.250, 0.250 | 7, 0 | 0.016 |"
+    hint = "goal by goal 0.3, 0.8, 1.2, 1: two of four are faster, one is slower; the policy alone fell"
     assert pair == want, hint
-    assert "| 0.767 [ nan, nan] |" in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
+    assert "| 0.825 [ nan, nan] |" in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
     assert "Time: mean of" not in evaluate.table(rows, []), "no empty table"
     exact = evaluate.table([row_of("policy", False, 0.5)], [])
     assert " 0.980 " in exact and "11.13" in exact, "Table II without noise"
     text = evaluate.table(rows, [], "--push 0.4")
     assert text.startswith("With --push 0.4\n\n") and "paper" not in text, "it pushed nobody"
+
+
+def test_falls_are_compared_also_where_no_goal_is_reached_by_both():
+    """The worst policy is the one that the table must tell of."""
+    rows = evaluate.compare(
+        {
+            ("policy", False, 0.5): trials(["fall"] * 10, [1] * 10),
+            ("b", False, 0.5): trials(["success"] * 10, [5] * 10),
+        }
+    )
+    assert [(row["reference"], row["only_ours"], row["only_theirs"]) for row in rows] == [
+        ("b", 10, 0)
+    ]
+    close(rows[0]["p"], 2 / 2**10)
+    *_, line = re.sub(" +", " ", evaluate.table([row_of("b", False, 0.5)], rows)).splitlines()
+    assert line == "| σ 0.5 m | no | b | no goal in common | | 10, 0 | 0.002 |"
 
 
 class Recorder:
@@ -392,6 +418,8 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(noisy):
     hint = "one generator per goal and one measurement per decision"
     equal(noise, first_noise(Wild(), noisy, six), hint)
     equal(noise[:2], first_noise(Recorder(), noisy, two), hint)
+    last = evaluate.Trials(six.goals[4:], 3, first=4)
+    equal(noise[4:], first_noise(Recorder(), noisy, last), hint)
     assert len(np.unique(noise)) == noise.size, "goals must not share their noise"
     dice = env.Dice(*env.stream("evaluation", 3, 0).spawn(5)).noise
     close(noise[0], dice.normal(size=3) * 0.05, "more than one measurement for a decision")
@@ -591,7 +619,8 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
 @pytest.mark.parametrize("flags, mention", [
     (["--policy", "text.py"], "text.py: damaged, or not written by this 04_ppo.py"),
     (["--policy", "other.pt"], "other.pt: trained in mujoco"),
-    (["--policy", "blind.pt"], "blind.pt: .*observ"),
+    (["--policy", "blind.pt"], "blind.pt: (?!.*pymunk).*observ"),
+    (["--policy", "pendulum.pt"], "pendulum.pt: trained in another environment"),
     (["--policy", "missing.pt"], "missing.pt: no such file"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: .*Planner"),
@@ -604,15 +633,18 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
     save_untrained(Path("blind.pt"), fits={"observation": ["all"]})
+    ppo.save_policy(Path("pendulum.pt"), ppo.ActorCritic(3, 1), fits=None)
     Path("text.py").write_text("class Other: pass")
     Path("mine.py").write_text("\n".join([OTHER_ROBOT, *flags[2:]]), "utf-8")
     assert re.match(mention, refused(*flags[:2]).replace(os.sep, "/"))
 
 
 def test_another_robot_walks_by_the_numbers_of_its_file(short_trials):
-    Path("mine.py").write_text(OTHER_ROBOT, "utf-8")
+    once = "\nopen('read.txt', 'a').write('once ')"
+    Path("mine.py").write_text(OTHER_ROBOT + once, "utf-8")
     content = call("--robot", "mine.py", "--episodes", 1, "--friction", 0.5)
     assert content["robot"] == "mine.py"
+    assert Path("read.txt").read_text() == "once ", "a file that draws numbers is one robot"
     ((world, *_),) = short_trials
     assert world.engine.robot == replace(ROBOT, thigh_length=0.168, friction=0.5)
     assert world.limits.high == (0.1, 0.1, 0.1)
@@ -682,9 +714,8 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
     hint = "a goal is where it starts, and its mode is to step on the spot: does it explore?"
     assert content["rows"][0]["success"] > 0, hint
     others = [row["reference"] for row in content["ratios"]]
-    assert others == ["mine", "baseline_tuned", "baseline"], (
-        "the policy is compared with all others that reached one of its goals"
-    )
+    want = ["mine", "a$^$/mine.py", "baseline_tuned", "baseline"]
+    assert others == want, "the policy is compared with all others"
     _, *lines = Path("out/trials.csv").read_text("utf-8").splitlines()
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     hint = "noise, σ, seed, trial, goal, μ of --friction, outcome, time with all its digits, steps"
@@ -723,39 +754,52 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
 
 
 # ------------------------------------------------------------------------ other processes
-def walked(planners, jobs):
+def walked(planners, jobs, goals=([0.02, 0, 0], [0, 0.01, 0.05])):
     """Rows of planners by name, walked in so many processes."""
-    args = argparse.Namespace(
-        sim="pymunk", noise=True, friction=None, push=0.0, robot=None, jobs=jobs
-    )
-    return evaluate.evaluate_all(args, {0.5: to([[0.02, 0, 0], [0, 0.01, 0.05]])}, planners)
+    args = argparse.Namespace(noise=True, push=None, jobs=jobs, episodes=len(goals))
+    return evaluate.evaluate_all(args, {0.5: to(goals)}, planners, {"sim": "pymunk"})
 
 
-def nobody_is_left():
-    """Whether all other processes have ended, or do so within seconds."""
+def sleep():
+    """What a process of the caller does."""
+    time.sleep(60)
+
+
+@pytest.fixture
+def bystander():
+    """A process of the caller, that has nothing to do with ours, and must be the only one left."""
+    process = multiprocessing.get_context("spawn").Process(target=sleep)
+    process.start()
+    yield
     end = time.monotonic() + 10
-    while multiprocessing.active_children() and time.monotonic() < end:
+    while len(multiprocessing.active_children()) > 1 and time.monotonic() < end:
         time.sleep(0.05)  # no join: the pool's own thread may be the one that has waited
-    return not multiprocessing.active_children()
+    left = multiprocessing.active_children()
+    process.kill()
+    process.join()
+    assert left == [process], "our processes end, those of others live"
 
 
 class Mine(evaluate.BaselinePlanner):
     """A planner of one's own."""
 
 
-def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(capfd, monkeypatch):
+def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(
+    capfd, monkeypatch, bystander
+):
+    goals = [0.02, 0, 0], [0, 0.01, 0.05], [0, 0.01, -0.05], [0.04, 0, 0]
+    monkeypatch.setattr(evaluate, "PART", 2)  # so that other processes walk to two of four
     untrained = ppo.ActorCritic(*SIZES, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
     policy, baseline = evaluate.PolicyPlanner(untrained), evaluate.BaselinePlanner()
     planners = {"policy": policy, "a": Recorder(), "b": Mine(), "baseline": baseline}
-    want = walked(planners, jobs=1)
+    want = walked(planners, 1, goals)
     walk = mock.Mock(wraps=evaluate.evaluate)
     monkeypatch.setattr(evaluate, "evaluate", walk)
-    found = walked(planners, jobs=2)
+    found = walked(planners, 2, goals)
     assert [*found] == [*want], "rows in the order of the table, whoever walked them"
     np.testing.assert_equal(found, want)
     here = [planner for (planner, *_), _ in walk.call_args_list]
     assert here == [planners["a"], planners["b"]] * 2
-    assert nobody_is_left()
     said = capfd.readouterr()
     assert said.out == "" and "Traceback" not in said.err, "a bar, and nothing else"
 
@@ -770,13 +814,24 @@ class Deadly(ppo.ActorCritic):
 @pytest.mark.slow
 @pytest.mark.parametrize("planner, error, place", [
     (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    (evaluate.PolicyPlanner(Deadly(*SIZES)), BrokenExecutor, ""),
+    (evaluate.PolicyPlanner(Deadly(*SIZES)), robot_model.InputError, "terminated abruptly"),
 ], ids=["raises", "is killed"])  # fmt: skip
-def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place):
+def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place, bystander):
     with pytest.raises(error) as caught:
         walked({"policy": evaluate.BaselinePlanner(), "wrong": planner}, jobs=2)
     assert place in str(caught.value.__cause__), "its traceback says where it was raised"
-    assert nobody_is_left()
+
+
+@pytest.mark.parametrize("count", [1, 2, 100, 101, 250])
+def test_no_robot_walks_alone_in_another_process(count):
+    trials = evaluate.Trials(np.arange(3 * count).reshape(count, 3), 5, "tuning")
+    parts = evaluate.parts_of(trials)
+    equal(np.concatenate([part.goals for part in parts]), trials.goals)
+    sizes = [len(part.goals) for part in parts]
+    assert max(sizes) <= evaluate.PART and max(sizes) - min(sizes) <= 1
+    assert min(sizes) > 1 or count == 1
+    assert [part.first for part in parts] == [0, *np.cumsum(sizes)[:-1]], "numbers in the stream"
+    assert {(part.seed, part.purpose) for part in parts} == {(5, "tuning")}
 
 
 def test_a_script_lets_all_cores_walk_on_the_plane(monkeypatch):
@@ -853,115 +908,3 @@ def test_a_footstep_plot_shows_where_feet_and_torso_were():
     assert panel.texts[0].get_text() == f"timeout\n{3 * PERIOD:.1f} s"
     world.reset([0])
     close(places[:, -1], middles_of_soles(world), "the feet at its beginning")
-
-
-@pytest.fixture
-def story(monkeypatch):
-    """Double steps that end as it is told here, by number; the goal and the push [m/s] of each. The
-    robot is not drawn: it takes long."""
-    ends, goals, pushed, double_step = {}, [], [], evaluate.double_step
-
-    def step(planner, world, robots, push):
-        goals.append(world.goal[0].tolist())
-        pushed.append(math.hypot(*push))
-        running = dict.fromkeys(evaluate.OUTCOMES, [False])
-        ending = {ends.get(len(goals)): [True]}
-        return double_step(planner, world, robots, push) | running | ending
-
-    monkeypatch.setattr(evaluate, "double_step", step)
-    monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
-    return ends, goals, pushed
-
-
-@BOTH
-def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(sim, monkeypatch):
-    axes, feet, shown, push = Figure().subplots(), [], [], [0.1, 0]
-
-    def show(axes, robot, torso, joints, camera):  # to draw takes long
-        shown.append((torso[0], joints[0]))
-
-    monkeypatch.setattr(robot_model, "draw_robots", show)
-    ahead = [[[0.04, 0.02, 0.2], [0.04, 0.02, -0.1]]]
-    planner = mock.Mock(**{"act.return_value": env.to_action(ahead, env.LIMITS[sim])})
-    world = env.FootstepWorld(1, sim)
-    world.reset([0], [default_rng(3)])
-    world.simulator.run = run = mock.Mock(wraps=world.simulator.run)
-    for _ in range(3):
-        pictures = evaluate.pictures(axes, world, planner, feet, push, "", (-1, 1, -1, 1))
-        yaw = next(pictures)["motion"].torso[0, 0, 5]
-        (arrow,) = axes.texts
-        for _ in pictures:
-            bright = [p for p in axes.patches if p.get_facecolor() == (1, 1, 0, 1)]
-            assert len(bright) == 2, "left and right"
-    camera = robot_model.camera_at()[1:, :2]
-    drawn = np.array([patch.get_xy()[:4].mean(0) for patch in bright])
-    landed = middles_of_soles(world) @ camera.T
-    # The planar robot's legs cannot spread: its left foot lands nearer to the right one.
-    first = int(world.engine.planar)
-    close(drawn[first:], landed[first:], "there the foot lands", atol=0.04)
-    assert len(feet) == 3, "where the feet stood before each double step"
-    for poses in zip(*shown):
-        count = len(np.unique(poses, axis=0))
-        assert count == len(shown), "in each picture torso and joints are elsewhere"
-    _, _, disturbance = run.call_args.args
-    assert disturbance.push.any(), "who is pushed in a picture is pushed"
-    assert arrow.get_text() == "push: 0.1 m/s" and yaw > 0.4
-    want = camera @ robot_model.turned(push, yaw * world.engine.planar)
-    hint = "on the plane it is pushed ahead, in 3-D along x"
-    close(np.subtract(arrow.xy, arrow.xyann), want, hint)
-
-
-def test_the_robot_does_what_mouse_and_keys_say(monkeypatch, story):
-    figure, axes = evaluate.plt.subplots()
-    world = env.FootstepWorld(2)  # the second one stands still
-    pictures, (ends, _, pushed) = itertools.count(), story
-    ends[4] = "fall"
-
-    def do(kind, name, *what):
-        figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
-
-    def drag(start, end):
-        for name, place in ("press", start), ("release", end):
-            pixels = axes.transData.transform(robot_model.camera_at()[1:, :2] @ place)
-            do(MouseEvent, f"button_{name}_event", *pixels, 1)
-
-    def told():  # every `yield` is a double step
-        drag((0.4, 0.2), (0.4, 0.5))
-        goal = world.relative_goal([0])
-        close(world.view([0]).goal, goal, "the estimate of the old goal is forgotten")
-        close(world.goal[0], [0.4, 0.2, math.pi / 2], "dragged along +y", atol=1e-3)
-        assert axes.get_title().startswith("mine, ")
-        for key in " x":
-            do(KeyEvent, "key_press_event", key)
-            yield
-        equal(pushed, [0, 0.1, 0], "space: a push")
-        drag((-0.2, 0.1), (-0.2, 0.1))
-        goal = [-0.2, 0.1, world.pose[0, 2]]
-        close(world.goal[0], goal, "a click: as it is turned now", atol=1e-3)
-        drag((9.0, 9.0), (9.0, 9.5))
-        yield  # it falls
-        yield
-        assert world.steps[0] == len(planner.goals) == 1, "after a fall it begins anew"
-        close(world.goal[0], goal, "to the same goal; off the map is none", atol=1e-3)
-        evaluate.plt.close(figure)
-        yield
-
-    events, planner = told(), Recorder()
-    monkeypatch.setattr(evaluate, "open_window", lambda: (figure, axes))
-    # eight pictures for a double step
-    monkeypatch.setattr(evaluate.plt, "pause", lambda _: next(pictures) % 8 or next(events))
-    evaluate.play(world, "mine", planner, (0.1, 0))
-    assert not evaluate.plt.fignum_exists(figure.number), "the story did not come to its end"
-
-
-def test_a_player_gets_the_world_of_the_command_line(short_trials, monkeypatch):
-    play = mock.Mock()
-    monkeypatch.setattr(evaluate, "play", play)
-    flags = "--play --friction 0.65 --push 0.3 --planner".split()
-    evaluate.main([*flags, str(own_planner("mine.py"))])
-    (world, name, _, push), _ = play.call_args
-    world.reset([0, 1])
-    equal(world.simulator.body.friction, 0.65, "the same floor for all")
-    close(push, [0.3, 0], "by hand")
-    assert world.push == 0, "and not by chance"
-    assert name == "mine" and not short_trials, "and nothing else"

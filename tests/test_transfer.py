@@ -131,7 +131,8 @@ def test_what_is_not_there_is_said_in_words(monkeypatch, capsys):
 
 @pytest.mark.shipped
 def test_rows_become_a_table(monkeypatch):
-    ended = {"outcome": np.array(["success"] * 2), "time": np.ones(2), "still_there": np.ones(2)}
+    ended = {"outcome": np.array(["success"] * 2)}
+    ended |= {name: np.ones(2) for name in ("time", "steps", "still_there")}
     monkeypatch.setattr(common, "walks", lambda *_: ended)
     monkeypatch.setattr(transfer, "BulletSim", robot_model.MujocoSim)  # PyBullet may be missing
     args = Namespace(sim="mujoco", walks=2, brief=False, bullet=True, urdf=URDF)
@@ -147,7 +148,8 @@ def test_rows_become_a_table(monkeypatch):
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
     path = TESTS / "exercises" / "starters" / "op3.py"
-    world = evaluate.make_world(Namespace(sim="mujoco", robot=path, friction=None), 1)
+    args = Namespace(sim="mujoco", robot=path, friction=None)
+    world = evaluate.env.FootstepWorld(1, **evaluate.world_settings(args))
     tuned, robot = world.engine.parameters, world.engine.robot
     measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, world.limits)
     assert measured["stood"] > 0.8

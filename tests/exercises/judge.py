@@ -121,7 +121,7 @@ def ranking(found):
         "place | planner | near: time, median; shares of falls, time-outs | far: the same | still there "
         f"| {'falls when pushed | ' * len(pushed)}points [95 % interval] | than `baseline_tuned`"
     )
-    return common.markdown(head, lines)
+    return evaluate.markdown(head, lines)
 
 
 def noisy(folder):

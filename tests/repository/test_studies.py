@@ -20,13 +20,16 @@ import mujoco
 import numpy as np
 import peers
 import PIL.Image
+import play
 import pytest
 import seeds
 import walk
-from checks import close, equal, letters_are_large
+from checks import BOTH, close, equal, letters_are_large
 from common import env, evaluate, ppo, robot_model, walk_engine
+from matplotlib.backend_bases import KeyEvent, MouseEvent
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
+from test_05_evaluate import Recorder, middles_of_soles
 from test_scripts import python
 
 torch = ppo.torch
@@ -168,6 +171,117 @@ def test_the_film_of_a_training_says_how_long_each_policy_has_learned():
     assert [axes.get_title() for axes in panels] == titles
 
 
+# ------------------------------------------------------------------------ the window to play with
+@BOTH
+def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(sim, monkeypatch):
+    axes, feet, shown, push = mpl.figure.Figure().subplots(), [], [], [0.1, 0]
+
+    def show(axes, robot, torso, joints, camera):  # to draw takes long
+        shown.append((torso[0], joints[0]))
+
+    monkeypatch.setattr(robot_model, "draw_robots", show)
+    ahead = [[[0.04, 0.02, 0.2], [0.04, 0.02, -0.1]]]
+    planner = mock.Mock(**{"act.return_value": env.to_action(ahead, env.LIMITS[sim])})
+    world = env.FootstepWorld(1, sim)
+    world.reset([0], [default_rng(3)])
+    world.simulator.run = run = mock.Mock(wraps=world.simulator.run)
+    for _ in range(3):
+        pictures = play.pictures(axes, world, planner, feet, push, "", (-1, 1, -1, 1))
+        yaw = next(pictures)["motion"].torso[0, 0, 5]
+        (arrow,) = axes.texts
+        for _ in pictures:
+            bright = [p for p in axes.patches if p.get_facecolor() == (1, 1, 0, 1)]
+            assert len(bright) == 2, "left and right"
+    camera = robot_model.camera_at()[1:, :2]
+    drawn = np.array([patch.get_xy()[:4].mean(0) for patch in bright])
+    landed = middles_of_soles(world) @ camera.T
+    # The planar robot's legs cannot spread: its left foot lands nearer to the right one.
+    first = int(world.engine.planar)
+    close(drawn[first:], landed[first:], "there the foot lands", atol=0.04)
+    assert len(feet) == 3, "where the feet stood before each double step"
+    for poses in zip(*shown):
+        count = len(np.unique(poses, axis=0))
+        assert count == len(shown), "in each picture torso and joints are elsewhere"
+    _, _, disturbance = run.call_args.args
+    assert disturbance.push.any(), "who is pushed in a picture is pushed"
+    assert arrow.get_text() == "push: 0.1 m/s" and yaw > 0.4
+    want = camera @ robot_model.turned(push, yaw * world.engine.planar)
+    hint = "on the plane it is pushed ahead, in 3-D along x"
+    close(np.subtract(arrow.xy, arrow.xyann), want, hint)
+
+
+def test_the_robot_does_what_mouse_and_keys_say(monkeypatch):
+    """It falls in the fourth double step, as it is told here. It is not drawn: that takes long."""
+    figure, axes = play.plt.subplots()
+    world = env.FootstepWorld(2)  # the second one stands still
+    pictures, pushed, double_step = itertools.count(), [], evaluate.double_step
+
+    def step(planner, world, robots, push):
+        pushed.append(math.hypot(*push))
+        return double_step(planner, world, robots, push) | {"fall": [len(pushed) == 4]}
+
+    def do(kind, name, *what):
+        figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
+
+    def drag(start, end):
+        for name, place in ("press", start), ("release", end):
+            pixels = axes.transData.transform(robot_model.camera_at()[1:, :2] @ place)
+            do(MouseEvent, f"button_{name}_event", *pixels, 1)
+
+    def told():  # every `yield` is a double step
+        drag((0.4, 0.2), (0.4, 0.5))
+        goal = world.relative_goal([0])
+        close(world.view([0]).goal, goal, "the estimate of the old goal is forgotten")
+        close(world.goal[0], [0.4, 0.2, math.pi / 2], "dragged along +y", atol=1e-3)
+        assert axes.get_title().startswith("mine, ")
+        for key in " x":
+            do(KeyEvent, "key_press_event", key)
+            yield
+        equal(pushed, [0, 0.1, 0], "space: a push")
+        drag((-0.2, 0.1), (-0.2, 0.1))
+        goal = [-0.2, 0.1, world.pose[0, 2]]
+        close(world.goal[0], goal, "a click: as it is turned now", atol=1e-3)
+        drag((9.0, 9.0), (9.0, 9.5))
+        yield  # it falls
+        yield
+        assert world.steps[0] == len(planner.goals) == 1, "after a fall it begins anew"
+        close(world.goal[0], goal, "to the same goal; off the map is none", atol=1e-3)
+        play.plt.close(figure)
+        yield
+
+    events, planner = told(), Recorder()
+    monkeypatch.setattr(evaluate, "double_step", step)
+    monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
+    monkeypatch.setattr(play, "open_window", lambda: (figure, axes))
+    # eight pictures for a double step
+    monkeypatch.setattr(play.plt, "pause", lambda _: next(pictures) % 8 or next(events))
+    play.play(world, "mine", planner, (0.1, 0))
+    assert not play.plt.fignum_exists(figure.number), "the story did not come to its end"
+
+
+def test_a_player_gets_the_world_and_the_planner_of_the_command_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(play, "play", window := mock.Mock())
+    file = tmp_path / "mine.py"
+    file.write_text("class Planner: pass")
+    flags = "--mujoco --noise --friction 0.65 --push 0.3 --planner".split()
+    play.main([*flags, str(file)])
+    (world, name, planner, push), _ = window.call_args
+    assert name == "mine" and type(planner).__name__ == "Planner"
+    world.reset([0])
+    equal(world.simulator.body.friction, 0.65, "the same floor as stage 5")
+    assert (world.sim, world.noise) == ("mujoco", True)
+    close(push, [0.3, 0], "by hand")
+    assert world.push == 0, "and not by chance"
+
+
+def test_without_a_display_the_window_is_one_line(monkeypatch):
+    monkeypatch.setattr(play.plt, "get_backend", lambda: "agg")
+    with pytest.raises(robot_model.InputError, match="needs a display"):
+        play.open_window()
+    play.plt.close("all")
+
+
+# ------------------------------------------------------------------------ other studies
 def test_slow_noise_is_as_large_and_stays():
     robots = np.arange(150)
     world = kicks.SlowNoise(150, "pymunk", noise=True)
@@ -428,7 +542,13 @@ def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):
 
     def walks(planner, *_):
         outcome = np.where(falls[planner], "fall", "success")
-        return {"outcome": outcome, "time": np.ones(400), "still_there": outcome == "success"}
+        ones = np.ones(400)
+        return {
+            "outcome": outcome,
+            "time": ones,
+            "steps": ones,
+            "still_there": outcome == "success",
+        }
 
     monkeypatch.setattr(common, "walks", walks)
     monkeypatch.setattr(common, "world", lambda *_, **settings: None)  # nobody walks there

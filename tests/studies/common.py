@@ -155,20 +155,12 @@ HEADS = {
 KINDS = {"goal_std_m": {STD[False]: "near", STD[True]: "far"}}  # of the columns that `beside` makes
 
 
-def markdown(head, rows):
-    """A table in Markdown with aligned columns; a line is a text like "cell | cell"."""
-    cells = [line.split(" | ") for line in (head, *rows)]
-    cells.insert(1, ["---"] * len(cells[0]))
-    widths = [max(map(len, column)) for column in zip(*cells)]
-    return "".join(f"| {' | '.join(map(str.ljust, line, widths))} |\n" for line in cells)
-
-
 def table(rows, columns):
     """Rows (dicts) in Markdown; columns: {key: digits of a number}, those that a row has."""
     columns = {key: columns[key] for key in columns if any(key in row for row in rows)}
     head = [key if ", " in key else HEADS.get(key, key.replace("_", " ")) for key in columns]
     lines = [" | ".join(cell(row, *column) for column in columns.items()) for row in rows]
-    return markdown(" | ".join(head), lines)
+    return evaluate.markdown(" | ".join(head), lines)
 
 
 def beside(rows, columns):

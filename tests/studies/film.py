@@ -16,6 +16,7 @@ import common
 import numpy as np
 from common import RESULTS, env, evaluate, ppo, robot_model, walk_engine
 from PIL import Image
+from play import pictures
 from tqdm import tqdm
 
 DURATION = "a minute"
@@ -151,7 +152,7 @@ def walk(axes, planner, sim, goals, title):
         for step in count():
             pushed = k == 2 and step == 2
             more = feet, push * pushed, title.format(k), WINDOW
-            for picture, result in enumerate(evaluate.pictures(axes, world, planner, *more)):
+            for picture, result in enumerate(pictures(axes, world, planner, *more)):
                 yield from [result] * (HELD if pushed and picture == 0 else 1)
             if result["fall"][0] or result["timeout"][0]:
                 return
@@ -175,18 +176,18 @@ def training(panels, sim):
     return islice(zip_longest(*films), 0, 200, 2)
 
 
-def save(figure, pictures, path):
-    """Films what the figure shows after each of the pictures, for 0.08 s (eight ticks)."""
+def save(figure, film, path):
+    """Films what the figure shows after each picture, for 0.08 s (eight ticks)."""
     frames = []
-    for _ in tqdm(pictures, unit=" pictures", leave=False):
+    for _ in tqdm(film, unit=" pictures", leave=False):
         if not frames:
             robot_model.pixels(figure)  # makes the room that the titles need
         frames.append(robot_model.pixels(figure))
     # All frames share 128 colours: so what stands still is stored once.
     colors = Image.fromarray(np.concatenate(frames[::4])).quantize(128, Image.Quantize.FASTOCTREE)
     first, *others = [Image.fromarray(frame).quantize(palette=colors, dither=0) for frame in frames]
-    film = {"save_all": True, "append_images": others, "duration": 80, "loop": 0}
-    robot_model.atomic_write(path, lambda file: first.save(file, **film))
+    settings = {"save_all": True, "append_images": others, "duration": 80, "loop": 0}
+    robot_model.atomic_write(path, lambda file: first.save(file, **settings))
 
 
 def main(argv=None):

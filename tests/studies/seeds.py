@@ -11,8 +11,8 @@ its way to far goals. The trainings must be there, made by
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
 claims? Also for a simpler filter.
-pairs: times of the policy and of `baseline_tuned`, goal by goal, from results/<sim>/trials.csv. Writes
-seeds.pairs.png.
+pairs: times and double steps of the policy and of `baseline_tuned`, goal by goal, from
+results/<sim>/trials.csv. Writes seeds.pairs.png.
 """
 
 import common
@@ -181,7 +181,7 @@ def study_pairs(args):
         policy, other = (walks[name, True, std] for name in ("policy", "baseline_tuned"))
         ratio = evaluate.time_ratio(policy, other)
         rows.append({"goal_std_m": std, **ratio})
-        faster, slower = (round(100 * ratio[key]) for key in ("faster", "slower"))
+        shares = [round(100 * ratio[key]) for key in ("faster", "equal", "slower")]
         both = (policy["outcome"] == "success") & (other["outcome"] == "success")
         times = np.stack([other["time"][both], policy["time"][both]])  # [s]
         # They are whole double steps: a small random shift parts points of the same place.
@@ -195,8 +195,8 @@ def study_pairs(args):
             aspect="equal",
             xlabel="time of baseline_tuned [s]",
             ylabel="time of the policy [s]",
-            title=f"{'far' if far else 'near'} goals: the policy is faster in {faster} %,\n"
-            f"as fast in {100 - faster - slower} %, slower in {slower} % of {ratio['goals']}",
+            title=f"{ratio['goals']} {'far' if far else 'near'} goals: with the policy fewer double steps\n"
+            "to {} %, as many to {} %, more to {} %".format(*shares),
         )
     robot_model.save_figure(figure, args.out / "seeds.pairs.png")
     return rows
@@ -225,7 +225,8 @@ COLUMNS = {
     "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0, "plan": 2},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
-    "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3, "faster": 3, "slower": 3},
+    "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3}
+    | dict.fromkeys(("faster", "equal", "slower"), 3),
     "estimate": {"filter": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }

@@ -336,7 +336,7 @@ def study_limits(args):
 def study_tune(args):
     """The searches, and what they and the walk in use get on the same trials of their own."""
     args.friction = None
-    world = evaluate.make_world(args, 1)
+    world = env.FootstepWorld(1, **evaluate.world_settings(args))
     ends, curve, rows = [world.engine.parameters], [], []
     for restart in range(RESTARTS):
         parameters, more = tune(world, args.seed + restart)

@@ -461,6 +461,7 @@ def bootstrap(statistic, *samples, resamples=2000):
 @wrong("who did not fall arrived", "no time-out")
 @wrong("who stays arrived", "still there or not")
 @wrong("twenty trials", "19 goals that both reached")
+@wrong("faster by a tick", "double steps")
 def time_ratio(trials, reference):
     def reached(row):
         if mistake == "who stays arrived":
@@ -475,12 +476,16 @@ def time_ratio(trials, reference):
         return {"goals": 0, "time_ratio": math.nan} if mistake == "the mean of nothing" else {}
     a, b = trials["time"][both], reference["time"][both]
     enough = len(both if mistake == "twenty trials" else a) >= 20
+    more = trials["steps"][both] - reference["steps"][both]
+    if mistake == "faster by a tick":
+        more = a - b
     return {
         "goals": len(a),
         "time_ratio": ratio(a, b, "the mean of ratios"),
         "time_ratio_ci95": [*bootstrap(ratio, a, b)] if enough else [math.nan] * 2,
-        "faster": np.mean(a < b),
-        "slower": np.mean(a > b),
+        "faster": np.mean(more < 0),
+        "equal": np.mean(more == 0),
+        "slower": np.mean(more > 0),
     }
 
 
