@@ -65,7 +65,6 @@ torso), gear play. Only the soles can touch anything.
 """
 
 import copy
-import math
 import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -83,7 +82,7 @@ from matplotlib.figure import Figure
 LEFT, RIGHT = 0, 1
 COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot
 JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")  # of a leg
-SAGITTAL = np.array([2, 3, 4, 8, 9, 10])  # the six of twelve joints that the planar robot has
+SAGITTAL = [2, 3, 4, 8, 9, 10]  # the six of twelve joints that the planar robot has
 # The numbers of a pose in stages 1 and 2, in [m] and [rad]:
 #   torso, trunk          [6]     x, y, z, roll, pitch, yaw
 #   state                 [21]    torso; twelve joints; rates of roll, pitch, yaw [rad/s]
@@ -244,7 +243,7 @@ def fallen(torso, standing_height):
     """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
     standing height, or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
-    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
+    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < np.cos(np.pi / 4))
 
 
 def centre_of_mass(robot, torso, joints):
@@ -253,7 +252,7 @@ def centre_of_mass(robot, torso, joints):
     links = [robot.torso] + 2 * [robot.hip, robot.thigh, robot.shin, robot.foot]
     coms = np.array([link.com for link in links])
     coms[5:, 1] *= -1  # outward: on the right side to the right
-    centres = points + apply(turns, coms)  # [K, 9, 3]
+    centres = points + np.matvec(turns, coms)  # [K, 9, 3]
     return np.average(centres, 1, [link.mass for link in links])
 
 
@@ -272,11 +271,6 @@ def rotation(roll, pitch, yaw):
     return np.stack(rows, -1).reshape(*cr.shape, 3, 3)
 
 
-def apply(matrix, vector):
-    """The product of matrices [..., 3, 3] and vectors [..., 3]."""
-    return (matrix @ vector[..., None])[..., 0]
-
-
 def body_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
     torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns their origins [..., 9, 3]
@@ -284,8 +278,8 @@ def body_frames(robot, torso, joints):
     [..., 9, 3, 3]. For a foot seen from the torso this is
     Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)."""
     shape = joints.shape[:-1]
-    legs = np.moveaxis(joints.reshape(*shape, 2, 6), -1, 0)
-    yaw, roll, pitch, knee, ankle_pitch, ankle_roll = legs  # [..., 2] each
+    legs = joints.reshape(*shape, 2, 6)
+    yaw, roll, pitch, knee, ankle_pitch, ankle_roll = np.moveaxis(legs, -1, 0)  # [..., 2] each
     # Seen from the torso
     hip_turn = rotation(roll, 0, yaw)  # [..., 2, 3, 3]
     thigh_turn = hip_turn @ rotation(0, pitch, 0)
@@ -301,7 +295,7 @@ def body_frames(robot, torso, joints):
     roll, pitch, yaw = np.moveaxis(torso[..., None, 3:], -1, 0)  # [..., 1] each
     R = rotation(roll, pitch, yaw)  # [..., 1, 3, 3]
     origin = torso[..., None, :3]
-    points = apply(R, points.reshape(*shape, 8, 3)) + origin
+    points = np.matvec(R, points.reshape(*shape, 8, 3)) + origin
     turns = R @ turns.reshape(*shape, 8, 3, 3)
     return np.concatenate([origin, points], -2), np.concatenate([R, turns], -3)
 
@@ -331,7 +325,7 @@ def leg_inverse(robot, position, foot_turn):
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: Rᵀ·(−p).
     # (.mT: the transposes of the last two axes)
-    from_ankle = apply(foot_turn.mT, -position)  # [..., 3]
+    from_ankle = np.matvec(foot_turn.mT, -position)  # [..., 3]
     # Before the ankle rolls, the hip is at (x, 0, h). When the foot turns by +roll, the hip turns
     # by −roll as seen from it: Rx(−roll)·(x, 0, h) = (x, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(from_ankle[..., 1], from_ankle[..., 2])
@@ -353,7 +347,7 @@ def leg_inverse(robot, position, foot_turn):
     # r is cut to a straight leg, a shorter one to the most that the knee bends.
     r_squared = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
     cos_knee = (r_squared - thigh**2 - shin**2) / (2 * thigh * shin)
-    knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
+    knee = np.arccos(np.clip(cos_knee, np.cos(robot.joint_max[3]), 1))
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
@@ -375,7 +369,7 @@ def body_inverse(robot, trunk, feet, planar=False):
     base = rotation(roll, pitch, yaw)  # R, [..., 1 or 2, 3, 3]
     # Seen from the trunk:  p ← Rᵀ·(p − trunk),  foot's rotation ← Rᵀ·Rz(yaw)
     ankle = feet[..., :3] - trunk[..., :3] + [0, 0, robot.ankle_height]  # [..., 2, 3]
-    ankle = apply(base.mT, ankle)
+    ankle = np.matvec(base.mT, ankle)
     foot_yaw = feet[..., 3]
     if planar:
         ankle[..., 1] = robot.hips[:, 1]
@@ -443,7 +437,7 @@ class Simulator:
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
     that adds
 
-        place(robots)      these robots stand at the origin, with their `body`
+        place(i)           robot i stands at the origin, with its `body`
         advance(robots, targets, push, move)
                            simulates a control tick and returns the states after it [n, 21]
 
@@ -467,9 +461,10 @@ class Simulator:
         for name, values in vars(body).items():  # field by field
             getattr(self.body, name)[robots] = values
         torso, joints = self.standing
-        self.state[robots] = np.concatenate([torso, joints, np.zeros(3)])
+        self.state[robots] = [*torso, *joints, 0, 0, 0]
         self.last_target[robots] = self.last_sent[robots] = joints
-        self.place(robots)
+        for i in robots:
+            self.place(i)
 
     def imu(self, robots):
         """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
@@ -625,7 +620,7 @@ class MujocoSim(Simulator):
 
     # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
-    ORDER = np.array([0, 1, 2, 5, 4, 3, *range(6, 18)])  # MuJoCo's joints, as in our state
+    ORDER = [0, 1, 2, 5, 4, 3, *range(6, 18)]  # MuJoCo's joints, as in our state
 
     def __init__(self, num_robots, standing, robot):
         mujoco.set_mju_user_warning(lambda text: None)  # else a diverging robot fills a log file
@@ -640,22 +635,22 @@ class MujocoSim(Simulator):
         """The robot as a MuJoCo model."""
         return mujoco.MjModel.from_xml_string(mujoco_xml(robot))
 
-    def place(self, robots):
+    def place(self, i):
         """See `Simulator`."""
-        position = np.concatenate(self.standing)[self.ORDER]  # (a swap of two undoes itself)
-        self.physics[robots] = np.concatenate([[0], position, np.zeros(18)])
+        self.physics[i] = 0
+        # (ORDER leads back, too: a swap of two undoes itself.)
+        self.physics[i, 1:19] = np.concatenate(self.standing)[self.ORDER]
         body = self.body
-        for i in robots:
-            self.models[i] = model = copy.copy(self.model)
-            model.body_mass[self.PARTS] *= body.mass[i]
-            model.body_inertia[self.PARTS] *= body.mass[i, :, None]
-            model.body_ipos[self.PARTS[0]] += body.com[i]
-            model.pair_friction[:, :2] = body.friction[i]
-            # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
-            model.actuator_gainprm[:, 0] *= body.stiffness[i]
-            model.actuator_biasprm[:, 1] *= body.stiffness[i]
-            model.dof_frictionloss[6:] *= body.stiction[i]
-            mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
+        self.models[i] = model = copy.copy(self.model)
+        model.body_mass[self.PARTS] *= body.mass[i]
+        model.body_inertia[self.PARTS] *= body.mass[i, :, None]
+        model.body_ipos[self.PARTS[0]] += body.com[i]
+        model.pair_friction[:, :2] = body.friction[i]
+        # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
+        model.actuator_gainprm[:, 0] *= body.stiffness[i]
+        model.actuator_biasprm[:, 1] *= body.stiffness[i]
+        model.dof_frictionloss[6:] *= body.stiction[i]
+        mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
     def advance(self, robots, targets, push, move):
         """See `Simulator`."""
@@ -674,7 +669,7 @@ class MujocoSim(Simulator):
             persistent_pool=os.getpid() == PROCESS,
         )
         self.physics[robots] = states[:, -1]
-        _, position, velocity = np.split(states[:, -1], [1, 19], -1)  # [n, 18] each
+        _, position, velocity = np.hsplit(states[:, -1], [1, 19])  # [n, 18] each
         return np.hstack([position[:, self.ORDER], velocity[:, [5, 4, 3]]])
 
 
@@ -684,8 +679,8 @@ def planar_links(robot):
     torso, hip = robot.torso, robot.hip
     mass = torso.mass + 2 * hip.mass
     share = 2 * hip.mass / mass
-    # From the torso's centre of mass to the one of the hips  [3] [m]
-    away = np.add(hip.com, (0, 0, robot.hip_z)) - torso.com
+    # From the torso's centre of mass to the one of both hips  [3] [m]
+    away = robot.hips.mean(0) + hip.com - torso.com
     # Parallel axes: I = Σ (Iᵢ + mᵢ·dᵢ²) about the common centre of mass. For two masses at the
     # distance d the second terms are m₁·m₂ / (m₁ + m₂)·d².
     pitch = torso.inertia[1] + 2 * hip.inertia[1] + share * torso.mass * (away[::2] ** 2).sum()
@@ -708,7 +703,7 @@ class PymunkSim(Simulator):
     joint.) Joints have no limits. (Only the targets keep them.)"""
 
     planar = True
-    PARENT = np.array([0, 1, 2, 0, 4, 5])  # of the bodies 1…6: thigh, shin, foot; 0: torso
+    PARENT = [0, 1, 2, 0, 4, 5]  # of the bodies 1…6: thigh, shin, foot; 0: torso
     LINKS = [0, 2, 3, 4, 6, 7, 8]  # the bodies among the nine links; the hips go with the torso
 
     def __init__(self, num_robots, standing, robot):
@@ -716,20 +711,15 @@ class PymunkSim(Simulator):
         self.links = planar_links(robot)
         super().__init__(num_robots, standing, robot)
 
-    def place(self, robots):
-        """See `Simulator`."""
-        for i in robots:  # in a fresh space: a used one keeps contacts of the last fall
-            self.worlds[i] = self._build(i)
-
-    def _build(self, i):
-        """A space with the floor and standing robot i; the robot's seven bodies and six motors."""
+    def place(self, i):
+        """See `Simulator`. In a fresh space, as a used one keeps contacts of the last fall."""
         robot, (torso, joints) = self.robot, self.standing
         factors = self.body.mass[i, self.LINKS]
         masses = factors * [link.mass for link in self.links]
         moments = factors * [link.inertia[1] for link in self.links]
         friction = self.body.friction[i]
         for number in (*masses, *moments, friction, robot.planar_iterations):
-            if not 0 <= number < math.inf:  # an assertion of pymunk would end Python
+            if not 0 <= number < np.inf:  # an assertion of pymunk would end Python
                 raise InputError(f"pymunk can use no mass, inertia, μ or iterations of {number}")
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
@@ -773,7 +763,7 @@ class PymunkSim(Simulator):
             motor.max_force = max(0, robot.torque_limit[index] - stiction)
             space.add(motor, pymunk.PivotJoint(bodies[parent], body, point))
             motors.append(motor)
-        return space, bodies, motors
+        self.worlds[i] = space, bodies, motors
 
     def advance(self, robots, targets, push, move):
         """See `Simulator`. A motor that only followed the error would lag behind a moving target.
@@ -783,9 +773,8 @@ class PymunkSim(Simulator):
         gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         speeds = (end - start) / robot.control_dt + gain * (start - state[:, ANGLES[SAGITTAL]])
-        speeds = np.clip(speeds, -limit, limit).tolist()
-        forces = push[:, 0].tolist()
-        rows = np.array(list(map(self._tick, robots, speeds, forces)))  # [n, 10]
+        speeds = np.clip(speeds, -limit, limit)
+        rows = np.array(list(map(self._tick, robots, speeds, push[:, 0])))  # [n, 10]
         ahead, height, rate = rows[:, :3].T  # [n] each
         pitches = rows[:, 3:]  # [n, 7] the torso's first
         new = np.zeros_like(state)
@@ -814,7 +803,7 @@ class PymunkSim(Simulator):
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
 PROCESS = os.getpid()  # that has imported this file
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
 
 
 # ------------------------------------------------------------------------ drawing
@@ -977,7 +966,8 @@ def main():
     time = np.clip(np.linspace(-1, 11, 1201) / 8, 0, 1)  # [T + 1] 0: before the lean, 1: after it
     share = (1 - np.cos(np.pi * time)) / 2  # [T + 1] of the lean
     targets[..., [4, 10]] -= leans[:, None, None] * share[:, None]
-    sim, robots = simulator(len(leans), standing, ROBOT), np.arange(len(leans))
+    sim = simulator(len(leans), standing, ROBOT)
+    robots = np.arange(len(leans))
     sim.reset(robots)
     motion = sim.run(robots, Trajectory(targets))
     i = motion.fell.argmax()  # the first one that fell; 0 also if none did
@@ -994,7 +984,7 @@ def main():
     draw_robots(axes, ROBOT, torso, joints, camera)
     _, right, up = camera @ centre_of_mass(ROBOT, torso, joints).T
     axes.plot(right, up, "k.-", label="centre of mass")
-    axes.axvline(ROBOT.foot_front, color="black", ls=":", label="above the toes")
+    axes.axvline(ROBOT.foot_front, ls=":", label="above the toes")
     axes.legend(loc="upper left")
     axes.set_title(f"A fall: lean {leans[i]:.3f} rad (left leg blue, right leg orange)")
     save_figure(axes.figure, out / "01_robot.png")

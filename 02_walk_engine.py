@@ -47,6 +47,7 @@ from importlib import import_module
 
 import numpy as np
 from matplotlib.figure import Figure
+from numpy.polynomial.polynomial import polyder, polyval
 
 # A module name may not start with a digit in an import statement, hence import_module.
 robot_model = import_module("01_robot_model")
@@ -191,10 +192,9 @@ class WalkEngine:
 
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
-        p = self.parameters
         time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
         # [3] [s] when a knot is reached
-        ends = (np.arange(3) + 0.5 + p.trunk_phase) * self.step_time
+        ends = (np.arange(3) + 0.5 + self.parameters.trunk_phase) * self.step_time
         begins = 0.0, *ends
         states = self.trunk_state[robots], *knots  # [n, 6, 3] each
         path = np.empty((len(states[0]), 6, len(time)))
@@ -282,8 +282,7 @@ def polynomial(c, t, order=0):
     """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]; or one
     t -> [...]."""
     # numpy wants the coefficients first: [6, ...]
-    derived = np.polynomial.polynomial.polyder(np.moveaxis(c, -1, 0), order)
-    return np.polynomial.polynomial.polyval(t, derived)
+    return polyval(t, polyder(np.moveaxis(c, -1, 0), order))
 
 
 # ------------------------------------------------------------------------ answers to a push
@@ -352,7 +351,8 @@ class WalkPlan:
     def go_on(self, rows, tick, imu):
         """See `Trajectory`."""
         engine, p, robots = self.engine, self.engine.parameters, self.robots[rows]
-        sample = self.progress[rows].astype(int)  # [k] where in the plan each robot is
+        progress = self.progress[rows]  # [k]
+        sample = progress.astype(int)  # [k] where in the plan each robot is
         trunk = self.trunk[rows, sample]  # [k, 6]
         lean = imu[:, :2] - trunk[:, 3:5]  # [k, 2] roll, pitch beyond the plan [rad]
         swings = engine.swinging(sample)  # [k, 2]
@@ -361,8 +361,8 @@ class WalkPlan:
         # Never more than longest_wait_ticks late: then the plan goes on, whatever the lean
         least = tick + 1 - (self.most_ticks - self.ticks)
         pace = waiting_pace(lean_over_support, p)
-        self.progress[rows] = np.clip(self.progress[rows] + pace, least, self.ticks)
-        next_sample = self.progress[rows].astype(int)
+        self.progress[rows] = progress = np.clip(progress + pace, least, self.ticks)
+        next_sample = progress.astype(int)
         next_trunk, feet = self.trunk[rows, next_sample], self.feet[rows, next_sample]
         answer = capture_step(lean, lean_over_support, swings, engine.answer[robots], p)
         engine.answer[robots] = answer  # [k, 2, 3]
@@ -420,8 +420,7 @@ def walk_plans(
     n, count = footsteps.shape[:2]  # N, S
     engine, simulator = walkers(sim, n, parameters, robot)
     simulator.reset(np.arange(n), body)
-    poses = np.zeros((n, count + 1, 3))
-    commanded = poses.copy()
+    poses, commanded = np.zeros((2, n, count + 1, 3))
     fall_step = np.full(n, count)
     offset = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
     for k in range(count):
@@ -451,14 +450,14 @@ WALKS = {  # eight double steps each
 }
 
 
-def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
+def pushed(sim, parameters, speed, count=12):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
     The push, see `push_force`, is forward, by this speed [m/s], and comes in the second double step
     at a moment of the robot's own. Returns the tilts of every torso to the end of the walk, or of
     the double step in which it fell, `count` lists of T numbers [rad], and which robots fell
     [count]. T differs from robot to robot."""
     tilts = [[] for _ in range(count)]
-    force = push_force(robot, speed)
+    force = push_force(robot_model.ROBOT, speed)
     moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
 
     def disturb(k, disturbance, robots):
@@ -472,7 +471,7 @@ def pushed(sim, parameters, speed, count=12, robot=robot_model.ROBOT):
             tilts[i] += [*measured[:ticks]]
 
     steps = [[WALKS["forward"]] * 10] * count
-    _, _, fall_step = walk_plans(sim, parameters, steps, None, disturb, watch, robot)
+    _, _, fall_step = walk_plans(sim, parameters, steps, None, disturb, watch)
     return tilts, fall_step < 10
 
 
@@ -482,13 +481,13 @@ def plot_push(pushes, engine, path):
     panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
-        panel.axhspan(45, 50, color="tab:red", alpha=0.4)
+        panel.axhspan(45, 50, color="lightpink")
         for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
             degrees = np.degrees(tilt)
             degrees = degrees[np.maximum.accumulate(degrees) < 45]  # what follows is no walk
             panel.plot(np.arange(len(degrees)) * engine.robot.control_dt, degrees, color=color)
-        title = f"{name}:\n{fell.sum()} of {len(fell)} fall"
-        panel.set(title=title, xlabel="time [s], grey: pushes")
+        panel.set_title(f"{name}:\n{fell.sum()} of {len(fell)} fall")
+        panel.set_xlabel("time [s], grey: pushes")
         panel.text(0, 46, "fallen: 45°")
     panels[0].set_ylabel("tilt of the torso [°]")
     robot_model.save_figure(panels[0].figure, path)
@@ -496,24 +495,24 @@ def plot_push(pushes, engine, path):
 
 def plot_plan(engine, plan, motion, path):
     """Draws a robot's double step over time: feet and trunk, planned and simulated."""
-    robot, torso = engine.robot, motion.torso[0]
-    points, _ = robot_model.body_frames(robot, torso, motion.joints[0])
-    soles = points[:, [4, 8]] - [0, 0, robot.ankle_height]  # [T, 2, 3] below the ankles
+    robot = engine.robot
     # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
-    walked = np.concatenate([soles, torso[:, None, :3]], 1)
+    points, _ = robot_model.body_frames(robot, motion.torso[0], motion.joints[0])
+    walked = points[:, [4, 8, 0]]  # the ankles and the torso
+    walked[:, :2, 2] -= robot.ankle_height  # now the soles below the ankles
     # The simulators' origin is where the torso was after the reset. The plan's is between the feet.
     walked[..., 0] += engine.parameters.trunk_x_offset
     figure = Figure(figsize=(9, 4))
     axes = figure.subplots(1, 3)
     titles = "forward: x [m]", "sideways: y [m]", "height of the feet: z [m]"
-    for k, (axis, title) in enumerate(zip(axes, titles)):
+    for k, axis in enumerate(axes):
         for values, style, first in (planned, "-", 0), (walked, "--", 1):
             time = (first + np.arange(len(values))) * robot.control_dt
             axis.set_prop_cycle(color=[*robot_model.COLORS, "black"])
             axis.plot(time, values[..., k], style)
         axis.axvline(engine.step_time, color="0.7")
-        axis.set(title=title, xlabel="time [s]")
+        axis.set(title=titles[k], xlabel="time [s]")
     axes[2].set_ylim(-0.01, 0.05)
     names = "left foot", "right foot", "trunk (plan), torso (simulated)"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)

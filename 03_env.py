@@ -272,7 +272,7 @@ def correct(goal, covariance, measured, noise):
     K = P @ np.linalg.inv(P + R)  # [n, 3, 3] K = P·(P + R)⁻¹
     error = measured - goal
     error[:, 2] = wrap(error[:, 2])
-    goal = goal + robot_model.apply(K, error)
+    goal = goal + np.matvec(K, error)
     goal[:, 2] = wrap(goal[:, 2])
     return goal, K @ R  # P ← K·R
 

@@ -42,11 +42,10 @@ class BulletSim(robot_model.MujocoSim):
         self.worlds = [BulletClient(pybullet.DIRECT) for _ in range(num_robots)]
         super().__init__(num_robots, standing, robot)
 
-    def place(self, robots):
+    def place(self, i):
         """See `Simulator`."""
-        super().place(robots)
-        for i in robots:
-            self.stand(self.worlds[i], self.models[i])
+        super().place(i)
+        self.stand(self.worlds[i], self.models[i])
 
     def stand(self, world, model):
         """Makes the floor and a standing robot."""

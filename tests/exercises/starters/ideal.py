@@ -21,7 +21,7 @@ robot_model, env, ppo, evaluate = map(
 class IdealSim(robot_model.Simulator):
     """N robots that do what they are told."""
 
-    def place(self, robots):
+    def place(self, i):
         pass
 
     def advance(self, robots, targets, push, move):
