@@ -379,8 +379,8 @@ class FootstepWorld:
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
         self.dice = [None] * num_robots  # the Dice of each, since its first reset
-        self.goal = np.zeros((num_robots, 3))  # x, y [m], yaw [rad] in the world
-        self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
+        # x, y [m], yaw [rad] of the goals in the world, and estimates of them, seen from the robots
+        self.goal, self.estimate = np.zeros((2, num_robots, 3))  # [N, 3] each
         self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
         self.last_action = np.zeros((num_robots, 6))
         # Of this episode: double steps, control ticks; how many double steps in a row have ended at
@@ -465,9 +465,8 @@ class FootstepWorld:
                 first = int(when * (self.engine.period_ticks - ticks + 1))
                 if self.engine.planar:
                     direction = round(direction) / 2  # ahead or back, else in any direction
-                angle = 2 * np.pi * direction
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
-                push[first : first + ticks] = robot_model.turned([force, 0], angle)
+                push[first : first + ticks] = robot_model.turned([force, 0], 2 * np.pi * direction)
         return disturbance
 
     def step(self, actions, robots):
@@ -628,8 +627,12 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
         terminated = infos["success"] | infos["fall"]
         over = terminated | infos["timeout"]
         if over.any():
-            final = {"final_obs": observations.copy(), "final_info": infos}
-            infos = infos | final | {"_final_obs": over, "_final_info": over}
+            infos = infos | {
+                "final_obs": observations.copy(),
+                "final_info": infos,
+                "_final_obs": over,
+                "_final_info": over,
+            }
             fresh = self.robots[over]
             self.world.reset(fresh)
             observations[fresh] = self.world.view(fresh).observation
@@ -711,10 +714,9 @@ def hand_written(goal, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     x, y, _ = goal.T
     wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] each foot: half of x, half of the turn
-    mirrored = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
-    # y from 0 on: sideways only the leading foot steps
-    steps = np.clip(mirrored, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
-    return to_action(steps, limits)
+    outward = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] y and yaw positive outward
+    # y from 0 on: sideways only the leading foot steps  [m, m, rad]
+    return to_action(np.clip(outward, [-0.06, 0, -0.15], [0.06, 0.07, 0.15]), limits)
 
 
 def estimate_errors(sim, seed):
@@ -756,35 +758,34 @@ def plot_rewards(episode, errors, path):
         ylabel="error of x and y [cm]",
         ylim=(0, None),
     )
-    estimate.legend(loc="upper right")
+    estimate.legend()
     robot_model.save_figure(curves.figure, path)
 
 
 def main():
     args = robot_model.stage_parser(__doc__).parse_args()
     path = robot_model.output_folder(args) / "03_rewards.png"
-    envs, steps = FootstepVectorEnv(32, args.sim), 60
+    envs = FootstepVectorEnv(32, args.sim)
     seed = envs.num_envs * args.seed  # other robots for another seed
     seen, _ = envs.reset(seed=seed)
     print(f"{'observation':32} {'unit':>22}   low  high  example")
     for (name, unit, low, high), value in zip(OBSERVATION, seen[0]):
         print(f"{name:32} {unit:>22} {low:5} {high:5} {value:8.2f}")
-    limits = LIMITS[args.sim]
+    limits = envs.world.limits
     print(
-        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward"
+        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward\n"
+        f"0 is {limits.low}, 1 is {limits.high}\n\n{envs.num_envs} robots, 60 double steps each"
     )
-    print(f"0 is {limits.low}, 1 is {limits.high}")
-
     rng = stream("training", args.seed, 0)
     planners = {
         "random": lambda view: rng.random((envs.num_envs, 6)),
         "hand-written": lambda view: hand_written(view.goal, limits),
     }
-    print(f"\n{envs.num_envs} robots, {steps} double steps each")
     for name, act in planners.items():
         envs.reset(seed=seed)
-        bar = tqdm(range(steps), name, leave=False)
-        infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
+        infos = []
+        for _ in tqdm(range(60), name, leave=False):
+            infos.append(envs.step(act(envs.world.view(envs.robots)))[-1])
         goals = np.array([info["success"] for info in infos])  # [60, 32]
         falls = np.array([info["fall"] for info in infos])
         print(
