@@ -44,11 +44,11 @@ Read down to the line of equals signs. Below it are the estimate of the goal, wh
 world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
 """
 
+import runpy
 import sys
 from collections import namedtuple
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 
 import gymnasium as gym
 import numpy as np
@@ -527,18 +527,16 @@ def names_in(path, **wanted):
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    spec = spec_from_file_location(path.as_posix(), path)
-    module = sys.modules[spec.name] = module_from_spec(spec)  # there its dataclasses look for it
     try:
-        spec.loader.exec_module(module)
+        found = runpy.run_path(str(path), run_name=path.as_posix())
     except SystemExit as error:
         raise InputError(f"{path}: ends Python, by exit() or main()") from error
     for name, kind in wanted.items():
-        if not isinstance(getattr(module, name, None), kind):
+        if not isinstance(found.get(name), kind):
             raise InputError(
                 f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
             )
-    return [getattr(module, name) for name in wanted]
+    return [found[name] for name in wanted]
 
 
 def robot_settings(path, sim):
@@ -613,7 +611,6 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def reset(self, *, seed=None, options=None):
         """Starts new episodes; robot i gets seed + i. options["goals"] [N, 3] sets the goals."""
-        super().reset(seed=seed)
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         self.world.reset(self.robots, rngs, **(options or {}))
         return self.world.view(self.robots).observation, {}
@@ -697,8 +694,13 @@ class FootstepEnv(gym.Env):
         robot_model.draw_ground(axes, camera, 0.5)
         draw_way(axes, world, world.goal[0], [], camera)
         state = world.simulator.state
-        torso, joints = state[:, robot_model.TORSO], state[:, robot_model.ANGLES]
-        robot_model.draw_robots(axes, world.engine.robot, torso, joints, camera)
+        robot_model.draw_robots(
+            axes,
+            world.engine.robot,
+            state[:, robot_model.TORSO],
+            state[:, robot_model.ANGLES],
+            camera,
+        )
         return robot_model.pixels(axes.figure)
 
 
@@ -727,11 +729,10 @@ def estimate_errors(sim, seed):
     world.reset(robots, [stream("training", seed, i) for i in robots], [[2, 0, 0]] * 64)
     rows = []
     for _ in range(15):
-        view = world.view(robots)
-        error = (view.goal - world.relative_goal(robots))[:, :2]
+        error = (world.estimate - world.relative_goal(robots))[:, :2]
         variance = world.covariance[:, [0, 1], [0, 1]]
         rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
-        world.step(hand_written(view.goal, world.limits), robots)
+        world.step(hand_written(world.estimate, world.limits), robots)
     return np.transpose(rows)
 
 
@@ -771,15 +772,15 @@ def main():
     print(f"{'observation':32} {'unit':>22}   low  high  example")
     for (name, unit, low, high), value in zip(OBSERVATION, seen[0]):
         print(f"{name:32} {unit:>22} {low:5} {high:5} {value:8.2f}")
-    limits = envs.world.limits
     print(
         "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward\n"
-        f"0 is {limits.low}, 1 is {limits.high}\n\n{envs.num_envs} robots, 60 double steps each"
+        f"0 is {envs.world.limits.low}, 1 is {envs.world.limits.high}\n\n"
+        f"{envs.num_envs} robots, 60 double steps each"
     )
     rng = stream("training", args.seed, 0)
     planners = {
         "random": lambda view: rng.random((envs.num_envs, 6)),
-        "hand-written": lambda view: hand_written(view.goal, limits),
+        "hand-written": lambda view: hand_written(view.goal, view.limits),
     }
     for name, act in planners.items():
         envs.reset(seed=seed)

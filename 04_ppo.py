@@ -42,7 +42,6 @@ import json
 import math
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 
@@ -488,7 +487,7 @@ def plot_learning_curve(rows, path, title):
     grid = figure.subplots(4, 2, sharex=True)
     grid[2, 0].set_yscale("log")  # of the time
     for axes, (name, column) in zip(grid.flat, PANELS.items()):
-        values = np.array([row.get(column, np.nan) for row in rows])
+        values = [row.get(column, np.nan) for row in rows]
         axes.plot(np.convolve(steps, weights, "valid"), np.convolve(values, weights, "valid"), "m")
         axes.plot(steps, values, "m.", alpha=0.2)
         axes.set_title(name)
@@ -529,8 +528,13 @@ def main(argv=None):
         f"training on {args.sim}: {args.steps:,} steps or a few more, seed {args.seed}, into {out}\n"
         "(Ctrl-C stops it; checkpoint.pt is the policy so far)"
     )
-    make_envs = partial(env.FootstepVectorEnv, sim=args.sim, noise=True, **own)
-    _, rows = train(cfg, make_envs, out, args.steps, args.seed)
+    _, rows = train(
+        cfg,
+        lambda count: env.FootstepVectorEnv(count, args.sim, noise=True, **own),
+        out,
+        args.steps,
+        args.seed,
+    )
     plot_learning_curve(rows, out / "learning_curve.png", f"PPO on {args.sim}, seed {args.seed}")
     flags = " --mujoco" * (args.sim == "mujoco") + f' --robot "{args.robot}"' * bool(args.robot)
     print(
