@@ -759,7 +759,7 @@ def plot_rewards(episode, errors, path):
         ylabel="error of x and y [cm]",
         ylim=(0, None),
     )
-    estimate.legend()
+    estimate.legend(loc="upper right")
     robot_model.save_figure(curves.figure, path)
 
 
