@@ -44,11 +44,11 @@ Read down to the line of equals signs. Below it are the estimate of the goal, wh
 world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
 """
 
+import runpy
 import sys
 from collections import namedtuple
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import module_from_spec, spec_from_file_location
 
 import gymnasium as gym
 import numpy as np
@@ -367,7 +367,7 @@ class FootstepWorld:
             raise ValueError(f"sim is one of {', '.join(robot_model.SIMULATORS)}, not {sim!r}")
         if num_robots < 1:
             raise ValueError(f"a world needs at least one robot, not {num_robots}")
-        self.limits = LIMITS[sim] if limits is None else limits
+        self.limits = limits or LIMITS[sim]
         self.drift = DRIFT[sim] if drift is None else drift
         self.sim = sim
         self.noise = noise
@@ -379,16 +379,13 @@ class FootstepWorld:
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
         self.dice = [None] * num_robots  # the Dice of each, since its first reset
-        self.goal = np.zeros((num_robots, 3))  # x, y [m], yaw [rad] in the world
-        self.estimate = np.zeros((num_robots, 3))  # of the goal, seen from the robot
+        # x, y [m], yaw [rad] of the goals in the world, and estimates of them, seen from the robots
+        self.goal, self.estimate = np.zeros((2, num_robots, 3))  # [N, 3] each
         self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
         self.last_action = np.zeros((num_robots, 6))
         # Of this episode: double steps, control ticks; how many double steps in a row have ended at
-        # the goal, and the tick when the first of them did
-        self.steps = np.zeros(num_robots, int)
-        self.ticks = self.steps.copy()
-        self.in_a_row = self.steps.copy()
-        self.arrival = self.steps.copy()
+        # the goal, and the tick when the first of them did  [N] each
+        self.steps, self.ticks, self.in_a_row, self.arrival = np.zeros((4, num_robots), int)
 
     def reset(self, robots, rngs=(), goals=None):
         """Starts episodes: these robots stand at the origin.
@@ -458,29 +455,27 @@ class FootstepWorld:
         """Errors of the IMU and pushes while these robots follow their plan: a Disturbance."""
         task, disturbance = self.task, robot_model.Disturbance.none(plan)
         std = np.repeat([task.imu_rad, task.imu_rad_s], 2)  # of roll, pitch, and their rates
-        usual = self.engine.period_ticks  # a plan that waits takes longer
         ticks = walk_engine.PUSH_TICKS
         chance = self.engine.period / task.push_every  # of a push in a double step
         for i, push, imu in zip(robots, disturbance.push, disturbance.imu):
             imu[:] = self.dice[i].imu.normal(0, std, imu.shape)
             drawn, when, direction = self.dice[i].push.random(3)  # also if unused
             if drawn < chance:
-                first = int(when * (usual - ticks + 1))
+                # Within the usual double step: a plan that waits takes longer
+                first = int(when * (self.engine.period_ticks - ticks + 1))
                 if self.engine.planar:
                     direction = round(direction) / 2  # ahead or back, else in any direction
-                angle = 2 * np.pi * direction
                 force = walk_engine.push_force(self.engine.robot, self.push)  # [N]
-                push[first : first + ticks] = robot_model.turned([force, 0], angle)
+                push[first : first + ticks] = robot_model.turned([force, 0], 2 * np.pi * direction)
         return disturbance
 
-    def step(self, actions, robots, push=(0, 0)):
-        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1]. push [m/s]:
-        of all their torsos as it begins, along the world's x and y; planar: ahead.
+    def step(self, actions, robots):
+        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1].
 
         Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
         bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
         success ends with the first of the double steps in a row that ended inside."""
-        task, robot = self.task, self.engine.robot
+        task, dt = self.task, self.engine.robot.control_dt
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         if None in [self.dice[i] for i in robots]:
             raise gym.error.ResetNeeded("call reset before the first step")
@@ -494,10 +489,7 @@ class FootstepWorld:
             self.estimate[robots], self.covariance[robots], planned, self.drift
         )
 
-        disturbance = self._disturbance(plan, robots)
-        force = walk_engine.push_force(robot, np.array(push))  # [2] [N]
-        disturbance.push[:, : walk_engine.PUSH_TICKS] += force
-        motion = self.simulator.run(robots, plan, disturbance)
+        motion = self.simulator.run(robots, plan, self._disturbance(plan, robots))
         fall = motion.fell
         self.last_action[robots] = actions
         self.steps[robots] += 1
@@ -510,7 +502,7 @@ class FootstepWorld:
         self.in_a_row[robots], self.arrival[robots] = in_a_row, arrival
         success = in_a_row >= task.in_a_row
         # An episode is cut off before a double step that might take too long.
-        no_time = now + plan.most_ticks > round(task.time_limit / robot.control_dt)  # [ticks]
+        no_time = now + plan.most_ticks > round(task.time_limit / dt)  # [ticks]
 
         periods = motion.ticks / self.engine.period_ticks
         margin = margin_at_rest(after, self.engine.closing_step(robots), task)
@@ -521,7 +513,7 @@ class FootstepWorld:
             "fall": fall,
             "timeout": no_time & ~success & ~fall,
             "inside": in_a_row > 0,
-            "time": np.where(success, arrival, now) * robot.control_dt,
+            "time": np.where(success, arrival, now) * dt,
             "reward": sum(terms.values()),
             "reward_terms": terms,
             "motion": motion,
@@ -535,18 +527,16 @@ def names_in(path, **wanted):
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    spec = spec_from_file_location(path.as_posix(), path)
-    module = sys.modules[spec.name] = module_from_spec(spec)  # there its dataclasses look for it
     try:
-        spec.loader.exec_module(module)
+        found = runpy.run_path(str(path), run_name=path.as_posix())
     except SystemExit as error:
         raise InputError(f"{path}: ends Python, by exit() or main()") from error
     for name, kind in wanted.items():
-        if not isinstance(getattr(module, name, None), kind):
+        if not isinstance(found.get(name), kind):
             raise InputError(
                 f"{path}: needs a {name} that is a {'class' if kind is type else kind.__name__}"
             )
-    return [getattr(module, name) for name in wanted]
+    return [found[name] for name in wanted]
 
 
 def robot_settings(path, sim):
@@ -572,38 +562,30 @@ def robot_settings(path, sim):
 
 
 # ------------------------------------------------------------------------ a picture
-def draw_way(axes, world, goal, feet, camera, chosen=()):
-    """Draws the goal [3] and footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor, and
-    bright, with an outline, footsteps [k, 2, 3] that are chosen and not taken yet. The goal is a
-    disc as large as the tolerance, with a tip that points along its yaw."""
-    robot, radius = world.engine.robot, world.task.success_m
+def sole(robot, side):
+    """Outline [4, 2] of a sole on the floor, x, y [m] seen from its ankle; side: 0 left, 1 right."""
+    x = [robot.foot_front, robot.foot_front, -robot.foot_back, -robot.foot_back]
+    y = (1, -1)[side] * robot.foot_outward + robot.foot_width / 2 * np.array([1, -1, -1, 1])
+    return np.column_stack([x, y])
+
+
+def draw_shape(axes, pose, outline, camera, **style):
+    """Draws an outline [k, 2], seen from a pose [3], on the floor."""
+    points = pose[:2] + robot_model.turned(outline, pose[2])
+    axes.fill(*(camera[1:, :2] @ points.T), lw=2, zorder=0.5, **style)
+
+
+def draw_way(axes, world, goal, feet, camera):
+    """Draws the goal [3] and footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor. The goal
+    is a disc as large as the tolerance, with a tip that points along its yaw."""
+    for side, color in enumerate(robot_model.COLORS):
+        outline = sole(world.engine.robot, side)
+        for poses in feet:
+            draw_shape(axes, poses[side], outline, camera, fc=color, alpha=0.35)
+    radius = world.task.success_m
     angle = np.linspace(0.6, 2 * np.pi - 0.6, 40)
     disc = np.append(robot_model.turned((radius, 0), angle), [(5 * radius, 0)], 0)  # [41, 2] [m]
-    front, back, half = robot.foot_front, -robot.foot_back, robot.foot_width / 2
-    sole = np.array([[front, half], [front, -half], [back, -half], [back, half]])  # [4, 2] [m]
-
-    def fill(pose, outline, **style):
-        points = pose[:2] + robot_model.turned(outline, pose[2])
-        axes.fill(*(camera[1:, :2] @ points.T), lw=2, zorder=0.5, **style)
-
-    for side, color in enumerate(robot_model.COLORS):
-        own = sole + [0, (1, -1)[side] * robot.foot_outward]
-        for poses in feet:
-            fill(poses[side], own, fc=color, alpha=0.35)
-        for poses in chosen:
-            fill(poses[side], own, ec=color, fc="yellow")
-    fill(goal, disc, fc="tab:green", alpha=0.9)
-
-
-def draw_scene(axes, world, goal, feet, torso, joints, chosen=(), size=4):
-    """Clears the axes and draws a robot on its way to a goal [3]; returns the camera. Footprints
-    [K, 2, 3], torso [6], joints [12], footsteps [k, 2, 3] that are chosen."""
-    camera = robot_model.camera_at()
-    axes.clear()
-    robot_model.draw_ground(axes, camera, size)
-    draw_way(axes, world, goal, feet, camera, chosen)
-    robot_model.draw_robots(axes, world.engine.robot, torso[None], joints[None], camera)
-    return camera
+    draw_shape(axes, goal, disc, camera, fc="tab:green", alpha=0.9)
 
 
 # ------------------------------------------------------------------------ Gymnasium
@@ -629,31 +611,29 @@ class FootstepVectorEnv(gym.vector.VectorEnv):
 
     def reset(self, *, seed=None, options=None):
         """Starts new episodes; robot i gets seed + i. options["goals"] [N, 3] sets the goals."""
-        super().reset(seed=seed)
         rngs = () if seed is None else [stream("training", seed + i) for i in self.robots]
         self.world.reset(self.robots, rngs, **(options or {}))
         return self.world.view(self.robots).observation, {}
 
-    def step_without_reset(self, actions):
-        """Simulates one double step; no episode starts again. infos: the result of
-        `FootstepWorld.step` without the Motion."""
+    def step(self, actions):
+        """Simulates a double step, and restarts ended episodes. infos: the result of
+        `FootstepWorld.step` without the Motion, final_obs and final_info."""
         infos = self.world.step(actions, self.robots)
         del infos["motion"]
         observations = self.world.view(self.robots).observation
         terminated = infos["success"] | infos["fall"]
-        return observations, infos["reward"], terminated, infos["timeout"], infos
-
-    def step(self, actions):
-        """Simulates a double step, restarts ended episodes. infos: also final_obs, final_info."""
-        observations, reward, terminated, truncated, infos = self.step_without_reset(actions)
-        over = terminated | truncated
+        over = terminated | infos["timeout"]
         if over.any():
-            final = {"final_obs": observations.copy(), "final_info": infos}
-            infos = infos | final | {"_final_obs": over, "_final_info": over}
+            infos = infos | {
+                "final_obs": observations.copy(),
+                "final_info": infos,
+                "_final_obs": over,
+                "_final_info": over,
+            }
             fresh = self.robots[over]
             self.world.reset(fresh)
             observations[fresh] = self.world.view(fresh).observation
-        return observations, reward, terminated, truncated, infos
+        return observations, infos["reward"], terminated, infos["timeout"], infos
 
 
 class FootstepEnv(gym.Env):
@@ -699,19 +679,28 @@ class FootstepEnv(gym.Env):
 
     def step(self, action):
         """Simulates one double step; the info holds the reward terms and how the episode ended."""
-        observations, *results, infos = self.envs.step_without_reset([action])
-        reward, terminated, truncated = (result.item() for result in results)
-        infos |= infos.pop("reward_terms")
-        info = {name: value.item() for name, value in infos.items()}
-        return observations[0], reward, terminated, truncated, info
+        world = self.envs.world
+        result = world.step([action], [0])
+        del result["motion"]
+        result |= result.pop("reward_terms")
+        info = {name: value.item() for name, value in result.items()}
+        terminated = info["success"] or info["fall"]
+        return world.view([0]).observation[0], info["reward"], terminated, info["timeout"], info
 
     def render(self):
         """The robot and its goal (green, its tip points along the yaw), uint8 [400, 400, 3]."""
         axes = robot_model.Figure(figsize=(4, 4), dpi=100).subplots()
-        world = self.envs.world
-        state, goal = world.simulator.state[0], world.goal[0]
-        torso, joints = state[robot_model.TORSO], state[robot_model.ANGLES]
-        draw_scene(axes, world, goal, [], torso, joints, size=0.5)
+        world, camera = self.envs.world, robot_model.camera_at()
+        robot_model.draw_ground(axes, camera, 0.5)
+        draw_way(axes, world, world.goal[0], [], camera)
+        state = world.simulator.state
+        robot_model.draw_robots(
+            axes,
+            world.engine.robot,
+            state[:, robot_model.TORSO],
+            state[:, robot_model.ANGLES],
+            camera,
+        )
         return robot_model.pixels(axes.figure)
 
 
@@ -727,10 +716,9 @@ def hand_written(goal, limits):
     turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
     x, y, _ = goal.T
     wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] each foot: half of x, half of the turn
-    mirrored = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] outward positive
-    # y from 0 on: sideways only the leading foot steps
-    steps = np.clip(mirrored, [-0.06, 0, -0.15], [0.06, 0.07, 0.15])  # [m, m, rad]
-    return to_action(steps, limits)
+    outward = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] y and yaw positive outward
+    # y from 0 on: sideways only the leading foot steps  [m, m, rad]
+    return to_action(np.clip(outward, [-0.06, 0, -0.15], [0.06, 0.07, 0.15]), limits)
 
 
 def estimate_errors(sim, seed):
@@ -741,11 +729,10 @@ def estimate_errors(sim, seed):
     world.reset(robots, [stream("training", seed, i) for i in robots], [[2, 0, 0]] * 64)
     rows = []
     for _ in range(15):
-        view = world.view(robots)
-        error = (view.goal - world.relative_goal(robots))[:, :2]
+        error = (world.estimate - world.relative_goal(robots))[:, :2]
         variance = world.covariance[:, [0, 1], [0, 1]]
         rows.append(np.sqrt([(error**2).mean(), variance.mean()]))
-        world.step(hand_written(view.goal, world.limits), robots)
+        world.step(hand_written(world.estimate, world.limits), robots)
     return np.transpose(rows)
 
 
@@ -779,28 +766,27 @@ def plot_rewards(episode, errors, path):
 def main():
     args = robot_model.stage_parser(__doc__).parse_args()
     path = robot_model.output_folder(args) / "03_rewards.png"
-    envs, steps = FootstepVectorEnv(32, args.sim), 60
+    envs = FootstepVectorEnv(32, args.sim)
     seed = envs.num_envs * args.seed  # other robots for another seed
     seen, _ = envs.reset(seed=seed)
     print(f"{'observation':32} {'unit':>22}   low  high  example")
     for (name, unit, low, high), value in zip(OBSERVATION, seen[0]):
         print(f"{name:32} {unit:>22} {low:5} {high:5} {value:8.2f}")
-    limits = LIMITS[args.sim]
     print(
-        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward"
+        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward\n"
+        f"0 is {envs.world.limits.low}, 1 is {envs.world.limits.high}\n\n"
+        f"{envs.num_envs} robots, 60 double steps each"
     )
-    print(f"0 is {limits.low}, 1 is {limits.high}")
-
     rng = stream("training", args.seed, 0)
     planners = {
         "random": lambda view: rng.random((envs.num_envs, 6)),
-        "hand-written": lambda view: hand_written(view.goal, limits),
+        "hand-written": lambda view: hand_written(view.goal, view.limits),
     }
-    print(f"\n{envs.num_envs} robots, {steps} double steps each")
     for name, act in planners.items():
         envs.reset(seed=seed)
-        bar = tqdm(range(steps), name, leave=False)
-        infos = [envs.step(act(envs.world.view(envs.robots)))[-1] for _ in bar]
+        infos = []
+        for _ in tqdm(range(60), name, leave=False):
+            infos.append(envs.step(act(envs.world.view(envs.robots)))[-1])
         goals = np.array([info["success"] for info in infos])  # [60, 32]
         falls = np.array([info["fall"] for info in infos])
         print(

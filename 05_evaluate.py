@@ -131,14 +131,14 @@ def evaluate(planner, world, trials, watch=None):
     }
 
 
-def double_step(planner, world, robots, push=(0, 0)):
-    """Looks, decides, walks: returns what `FootstepWorld.step` does, see there for `push`.
-    Raises a ValueError that names the planner's file if its actions are not [n, 6] in [0, 1]."""
+def double_step(planner, world, robots):
+    """Looks, decides, walks: returns what `FootstepWorld.step` does. Raises a ValueError that names
+    the planner's file if its actions are not [n, 6] in [0, 1]."""
     name = f"{type(planner).__module__}: actions"  # the module of your own is its file
     actions = env.checked(name, planner.act(world.view(robots)), len(robots), 6)
     if actions.min() < 0 or actions.max() > 1:
         raise ValueError(f"{name} must lie between 0 and 1, not {actions}")
-    return world.step(actions, robots, push)
+    return world.step(actions, robots)
 
 
 # ------------------------------------------------------------------------ statistics

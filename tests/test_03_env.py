@@ -530,16 +530,6 @@ def test_pushes_come_by_chance_and_from_everywhere(sim):
         assert 0.4 < (ahead > 0).mean() < 0.6
 
 
-def test_all_robots_can_be_pushed_as_a_double_step_begins():
-    world = FootstepWorld(2, robot=HEAVY)
-    world.reset([0, 1])
-    told = follow(world, np.zeros((2, 3)))
-    world.step(np.full((2, 6), 0.5), [0, 1], push=(0.3, -0.2))
-    want = np.zeros_like(told[0].push)
-    want[:, :5] = 5.0 / 0.05 * np.array([0.3, -0.2])
-    close(told[0].push, want, "this robot's torso, for five ticks, and no longer")
-
-
 def test_the_imu_has_noise_of_its_own_at_every_tick():
     _, imu, _ = disturbances("mujoco")
     error = imu.swapaxes(1, 2).reshape(-1, 100, 4)  # [2448, 100, 4] tick by tick

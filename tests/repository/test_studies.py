@@ -134,14 +134,14 @@ def test_a_film_goes_to_three_goals_and_holds_a_push_and_each_goal(tmp_path, mon
     """As if a goal were reached after three double steps. The robot is not drawn: it takes long."""
     goals, pushed, double_step = [], [], evaluate.double_step
 
-    def step(planner, world, robots, push):
+    def step(planner, world, robots):
         goals.append(world.goal[0].tolist())
-        pushed.append(math.hypot(*push))
+        pushed.append(math.hypot(*world.shove))
         ended = {"success": [len(goals) % 3 == 0], "fall": [len(goals) == 11], "timeout": [False]}
-        return double_step(planner, world, robots, push) | ended
+        return double_step(planner, world, robots) | ended
 
     monkeypatch.setattr(evaluate, "double_step", step)
-    monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
+    monkeypatch.setattr(play, "draw_scene", lambda *_: robot_model.camera_at())
     figure, axes = common.subplots(figsize=(6, 1))
     planner = evaluate.BaselinePlanner()
     pictures = film.walk(axes, planner, "pymunk", film.GOALS, film.TITLE)
@@ -172,6 +172,19 @@ def test_the_film_of_a_training_says_how_long_each_policy_has_learned():
 
 
 # ------------------------------------------------------------------------ the window to play with
+def test_all_robots_can_be_pushed_as_a_double_step_begins():
+    robot = replace(robot_model.ROBOT, torso=replace(robot_model.ROBOT.torso, mass=5.0))
+    world = play.PushedWorld(2, robot=robot)
+    world.reset([0, 1])
+    world.simulator.run = run = mock.Mock(wraps=world.simulator.run)
+    world.shove = 0.3, -0.2
+    world.step(np.full((2, 6), 0.5), [0, 1])
+    got = run.call_args.args[2].push
+    want = np.zeros_like(got)
+    want[:, :5] = 5.0 / 0.05 * np.array([0.3, -0.2])
+    close(got, want, "this robot's torso, for five ticks, and no longer")
+
+
 @BOTH
 def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(sim, monkeypatch):
     axes, feet, shown, push = mpl.figure.Figure().subplots(), [], [], [0.1, 0]
@@ -182,7 +195,7 @@ def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(
     monkeypatch.setattr(robot_model, "draw_robots", show)
     ahead = [[[0.04, 0.02, 0.2], [0.04, 0.02, -0.1]]]
     planner = mock.Mock(**{"act.return_value": env.to_action(ahead, env.LIMITS[sim])})
-    world = env.FootstepWorld(1, sim)
+    world = play.PushedWorld(1, sim)
     world.reset([0], [default_rng(3)])
     world.simulator.run = run = mock.Mock(wraps=world.simulator.run)
     for _ in range(3):
@@ -213,12 +226,12 @@ def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(
 def test_the_robot_does_what_mouse_and_keys_say(monkeypatch):
     """It falls in the fourth double step, as it is told here. It is not drawn: that takes long."""
     figure, axes = play.plt.subplots()
-    world = env.FootstepWorld(2)  # the second one stands still
+    world = play.PushedWorld(2)  # the second one stands still
     pictures, pushed, double_step = itertools.count(), [], evaluate.double_step
 
-    def step(planner, world, robots, push):
-        pushed.append(math.hypot(*push))
-        return double_step(planner, world, robots, push) | {"fall": [len(pushed) == 4]}
+    def step(planner, world, robots):
+        pushed.append(math.hypot(*world.shove))
+        return double_step(planner, world, robots) | {"fall": [len(pushed) == 4]}
 
     def do(kind, name, *what):
         figure.canvas.callbacks.process(name, kind(name, figure.canvas, *what))
@@ -251,7 +264,7 @@ def test_the_robot_does_what_mouse_and_keys_say(monkeypatch):
 
     events, planner = told(), Recorder()
     monkeypatch.setattr(evaluate, "double_step", step)
-    monkeypatch.setattr(env, "draw_scene", lambda *_: robot_model.camera_at())
+    monkeypatch.setattr(play, "draw_scene", lambda *_: robot_model.camera_at())
     monkeypatch.setattr(play, "open_window", lambda: (figure, axes))
     # eight pictures for a double step
     monkeypatch.setattr(play.plt, "pause", lambda _: next(pictures) % 8 or next(events))

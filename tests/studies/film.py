@@ -16,7 +16,7 @@ import common
 import numpy as np
 from common import RESULTS, env, evaluate, ppo, robot_model, walk_engine
 from PIL import Image
-from play import pictures
+from play import PushedWorld, pictures
 from tqdm import tqdm
 
 DURATION = "a minute"
@@ -30,10 +30,7 @@ FOOTSTEPS = np.array([[[0.12, 0.05, 0.35], [0.1, 0.02, -0.1]]])  # of double_ste
 # ------------------------------------------------------------------------ pictures
 def draw_sole(axes, pose, side, **look):
     """Draws a sole on the floor, seen from above; pose [3] of its ankle."""
-    robot, inward = robot_model.ROBOT, (1, -1)[side]
-    x = np.array([robot.foot_front, robot.foot_front, -robot.foot_back, -robot.foot_back])
-    y = inward * robot.foot_outward + robot.foot_width / 2 * np.array([1, -1, -1, 1])
-    outline = pose[:2] + robot_model.turned(np.column_stack([x, y]), pose[2])
+    outline = pose[:2] + robot_model.turned(env.sole(robot_model.ROBOT, side), pose[2])
     axes.fill(*outline.T, ec=robot_model.COLORS[side], lw=1.5, **look)
 
 
@@ -141,7 +138,7 @@ def walk(axes, planner, sim, goals, title):
     """Lets a robot walk to these goals, one after the other, without noise, and yields after every
     picture. On the way to the second goal it is pushed. What happens is shown for longer: a push as
     it begins, a goal as it is reached. Ends early if the robot falls."""
-    world = common.world(sim, num_robots=1, noise=False)
+    world = common.world(sim, PushedWorld, num_robots=1, noise=False)
     world.reset([0], [env.stream("evaluation", 0, 0)])
     planner.reset(1)
     # To the right in the picture; on the plane ahead [m/s]

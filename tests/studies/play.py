@@ -12,25 +12,52 @@ import math
 
 import matplotlib.pyplot as plt
 import numpy as np
-from common import env, evaluate, robot_model
+from common import env, evaluate, robot_model, walk_engine
+
+
+class PushedWorld(env.FootstepWorld):
+    """A FootstepWorld in which you push all robots, as their next double step begins."""
+
+    shove = 0, 0  # [m/s] of their torsos along the world's x and y; planar: ahead
+
+    def _disturbance(self, plan, robots):
+        disturbance = super()._disturbance(plan, robots)
+        force = walk_engine.push_force(self.engine.robot, np.array(self.shove))  # [2] [N]
+        disturbance.push[:, : walk_engine.PUSH_TICKS] += force
+        return disturbance
+
+
+def draw_scene(axes, world, feet, torso, joints, chosen):
+    """Clears the axes and draws a robot on its way to its goal; returns the camera. Footprints
+    [K, 2, 3], torso [6], joints [12], footsteps that are chosen and not taken yet [2, 3]."""
+    robot, camera = world.engine.robot, robot_model.camera_at()
+    axes.clear()
+    robot_model.draw_ground(axes, camera, 4)
+    env.draw_way(axes, world, world.goal[0], feet, camera)
+    for side, color in enumerate(robot_model.COLORS):
+        outline = env.sole(robot, side)
+        env.draw_shape(axes, chosen[side], outline, camera, ec=color, fc="yellow")
+    robot_model.draw_robots(axes, robot, torso[None], joints[None], camera)
+    return camera
 
 
 def pictures(axes, world, planner, feet, push, name, window):
     """Lets the first robot do a double step, and draws it. Yields the result of `double_step` after
     every picture, one for eight ticks. Yellow: the footsteps that were chosen, from where the right
     foot stood. feet: a list of earlier ones [2, 3]; those at the beginning are added. push [2]: see
-    `FootstepWorld.step`. (The planar robot's left foot lands to the right of its mark: it cannot
+    `PushedWorld.shove`. (The planar robot's left foot lands to the right of its mark: it cannot
     spread its legs.)"""
     engine, began = world.engine, world.ticks[0]
-    result = evaluate.double_step(planner, world, np.array([0]), push)
+    world.shove = push
+    result = evaluate.double_step(planner, world, np.array([0]))
     motion = result["motion"]
     torso, joints = motion.torso[0], motion.joints[0]  # [T, 6], [T, 12]
     feet += [*evaluate.foot_poses(engine.robot, torso[:1], joints[:1])]
     steps = env.to_footsteps(world.last_action[:1], world.limits)
-    chosen = np.stack(engine.landings(feet[-1][None, robot_model.RIGHT], steps), 1)  # [1, 2, 3]
+    chosen = np.concatenate(engine.landings(feet[-1][None, robot_model.RIGHT], steps))  # [2, 3]
     for tick in range(0, motion.ticks[0], 8):
-        now, goal = torso[tick], world.goal[0]
-        camera = env.draw_scene(axes, world, goal, feet[-20:], now, joints[tick], chosen)
+        now = torso[tick]
+        camera = draw_scene(axes, world, feet[-20:], now, joints[tick], chosen)
         if any(push):  # it lasts for 5 ticks, which nobody would see
             tip = now[:3] + [0, 0, 0.15]
             tail = tip - [*robot_model.turned(push, now[5] * engine.planar), 0]  # 1 m is 1 m/s
@@ -90,7 +117,7 @@ def play(world, name, planner, push):
 
 def main(argv=None):
     args = evaluate.arguments(argv, __doc__)
-    world = env.FootstepWorld(1, noise=args.noise, **evaluate.world_settings(args))
+    world = PushedWorld(1, noise=args.noise, **evaluate.world_settings(args))
     planners, name = evaluate.choose_planners(world, args.policy, args.planner)
     with evaluate.one_line_if_it_exits(type(planners[name]).__module__):  # its file
         play(world, name, planners[name], (args.push or 0.6, 0))
