@@ -46,6 +46,7 @@ world that brings everything together, pictures, the interfaces of Gymnasium, th
 
 import sys
 from collections import namedtuple
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
@@ -529,6 +530,15 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ files of your own
+@contextmanager
+def one_line_if_it_exits(file):
+    """Says in one line which file of a user ends Python, which would end our script in silence."""
+    try:
+        yield
+    except SystemExit as error:
+        raise InputError(f"{file}: ends Python, by exit() or main()") from error
+
+
 def names_in(path, **wanted):
     """What a file of your own defines: its values of these names, which must have these types.
     Errors in the file keep their own traceback."""
@@ -537,10 +547,8 @@ def names_in(path, **wanted):
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
     spec = spec_from_file_location(path.as_posix(), path)
     module = sys.modules[spec.name] = module_from_spec(spec)  # there its dataclasses look for it
-    try:
+    with one_line_if_it_exits(path):
         spec.loader.exec_module(module)
-    except SystemExit as error:
-        raise InputError(f"{path}: ends Python, by exit() or main()") from error
     for name, kind in wanted.items():
         if not isinstance(getattr(module, name, None), kind):
             raise InputError(
