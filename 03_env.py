@@ -47,6 +47,7 @@ world that brings everything together, pictures, the interfaces of Gymnasium, th
 import runpy
 import sys
 from collections import namedtuple
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -521,16 +522,23 @@ class FootstepWorld:
 
 
 # ------------------------------------------------------------------------ files of your own
+@contextmanager
+def one_line_if_it_exits(file):
+    """Says in one line which file of a user ends Python, which would end our script in silence."""
+    try:
+        yield
+    except SystemExit as error:
+        raise InputError(f"{file}: ends Python, by exit() or main()") from error
+
+
 def names_in(path, **wanted):
     """What a file of your own defines: its values of these names, which must have these types.
     Errors in the file keep their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
-    try:
+    with one_line_if_it_exits(path):
         found = runpy.run_path(str(path), run_name=path.as_posix())
-    except SystemExit as error:
-        raise InputError(f"{path}: ends Python, by exit() or main()") from error
     for name, kind in wanted.items():
         if not isinstance(found.get(name), kind):
             raise InputError(

@@ -52,9 +52,10 @@ import math
 import multiprocessing
 import signal
 from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -334,27 +335,17 @@ def world_settings(args):
     the robot of a file of your own, the same floor for all."""
     settings = {"sim": args.sim, "robot": robot_model.ROBOT}
     if args.robot:
-        with one_line_if_it_exits(args.robot):
-            settings |= env.robot_settings(args.robot, args.sim)
+        settings |= env.robot_settings(args.robot, args.sim)
     if args.friction is not None:
         settings["robot"] = replace(settings["robot"], friction=args.friction)
         settings["spread"] = env.Spread(friction=0.0)
     return settings
 
 
-@contextmanager
-def one_line_if_it_exits(file):
-    """Says in one line which file of a user ends Python, which would end our script in silence."""
-    try:
-        yield
-    except SystemExit as error:
-        raise InputError(f"{file}: ends Python, by exit() or main()") from error
-
-
 def walk(planner, trials, settings):
     """What `evaluate` returns, in a world with these settings."""
     world = env.FootstepWorld(len(trials.goals), **settings)
-    with one_line_if_it_exits(type(planner).__module__):  # of a planner of your own: its file
+    with env.one_line_if_it_exits(type(planner).__module__):  # of a planner of your own: its file
         return evaluate(planner, world, trials)
 
 
@@ -366,17 +357,19 @@ def parts_of(trials):
     which PyTorch rounds in another way than for many."""
     starts = range(0, len(trials.goals), PART)
     return [
-        replace(trials, goals=trials.goals[own], first=int(own[0]))
+        replace(trials, goals=trials.goals[own], first=own[0])
         for own in np.array_split(np.arange(len(trials.goals)), len(starts))
     ]
 
 
 @contextmanager
 def in_other_processes(jobs, count):
-    """Lets so many other processes walk, but not for a user's planner; jobs: arguments of `walk` by
-    row. Gives futures by row, one for each part of its trials. When the block ends, also by an
-    error or by Ctrl-C, these processes end at once, and no others."""
-    others = multiprocessing.active_children()
+    """Lets so many other processes walk (none, if `count` is 1), but not for a user's planner;
+    jobs: arguments of `walk` by row. Gives futures by row, one for each part of its trials. When
+    the block ends, also by an error or by Ctrl-C, these processes end at once, and no others."""
+    if count == 1:
+        yield {}
+        return
     with ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: Ctrl-C is for us
         futures = {
@@ -385,13 +378,12 @@ def in_other_processes(jobs, count):
             if type(planner) in (PolicyPlanner, BaselinePlanner)
         }
         signal.signal(signal.SIGINT, before)
-        ours = {*multiprocessing.active_children()} - {*others}
         try:
             yield futures
         except BrokenExecutor as error:
             raise InputError("a process was killed: is the memory full? Try --jobs 1") from error
         finally:
-            for process in ours:
+            for process in [*pool._processes.values()]:  # as `kill_workers` of Python 3.14 does
                 process.kill()
 
 
@@ -405,10 +397,9 @@ def evaluate_all(args, blocks, planners, settings):
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
-    others = in_other_processes(jobs, args.jobs) if args.jobs > 1 else nullcontext({})
-    count, found = args.episodes * len(jobs), {}
-    # The bar ends before Ctrl-C says its line.
-    with tqdm(total=count, unit=" walks", leave=False) as bar, others as futures:
+    bar = tqdm(total=args.episodes * len(jobs), unit=" walks", leave=False)
+    found = {}
+    with bar, in_other_processes(jobs, args.jobs) as futures:  # no bar below the line of Ctrl-C
         for row, job in jobs.items():
             parts = []
             for future in futures.get(row, [None]):  # None: this process walks, all at once
@@ -437,7 +428,7 @@ def summary(planner, noise, std, walks):
     outcome = walks["outcome"]
     row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
     for name in OUTCOMES:
-        count = int((outcome == name).sum())
+        count = np.sum(outcome == name)
         row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
     reached = outcome == "success"
     times, still = walks["time"][reached], walks["still_there"][reached]
@@ -457,12 +448,13 @@ The paper tells neither its σ nor its noise; there, it seems, one double step a
 Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves
 nothing.
 """
+YES = {False: "no", True: "yes"}
 PAPER = {  # Table II, without and with noise; ±: standard deviation of the times
-    "no": [
+    False: [
         "policy, paper | 0.980 | 0.000 | 0.020 |   6.07 ± 2.13 | ",
         "baseline, paper | 0.960 | 0.032 | 0.008 |  11.13 ± 4.95 | ",
     ],
-    "yes": [
+    True: [
         "policy, paper | 0.978 | 0.000 | 0.022 |   6.35 ± 2.23 | ",
         "baseline, paper | 0.910 | 0.078 | 0.012 |  11.43 ± 5.11 | ",
     ],
@@ -496,14 +488,16 @@ def rate_line(row):
 
 def ratio_line(row):
     """A line of the table that compares the policy with another planner."""
-    goals, noise = block_of(row)
     time, shares = "no goal in common", ""
     if "time_ratio" in row:
         low, high = row["time_ratio_ci95"]
         time = f"{row['time_ratio']:.3f} [{low:5.3f}, {high:5.3f}]"
         shares = f"{row['faster']:.3f}, {row['equal']:.3f}, {row['slower']:.3f}"
     falls = f"{row['only_ours']}, {row['only_theirs']}"
-    return f"{goals} | {noise} | {row['reference']} | {time} | {shares} | {falls} | {row['p']:.3f}"
+    return (
+        f"σ {row['goal_std_m']} m | {YES[row['noise']]} | {row['reference']} "
+        f"| {time} | {shares} | {falls} | {row['p']:.3f}"
+    )
 
 
 def table(rows, ratios, flags=""):
@@ -511,23 +505,16 @@ def table(rows, ratios, flags=""):
     policy compared with the others. With flags, which change the walks, the paper's rows are left
     out."""
     text = f"With {flags}\n" if flags else NOTE
-    for (goals, noise), block in itertools.groupby(rows, block_of):
-        lines = []
-        for row in block:
-            lines.append(rate_line(row))
-        if row["goal_std_m"] == env.Task.goal_std_m and not flags:  # all of a block have the same σ
+    for (std, noise), block in itertools.groupby(rows, itemgetter("goal_std_m", "noise")):
+        lines = [rate_line(row) for row in block]
+        if std == env.Task.goal_std_m and not flags:
             lines += PAPER[noise]
         head = "planner | success [95 %] | timeout | fall | mean, median, 95th [s] | still there"
-        text += f"\nGoals: {goals}; noise: {noise}\n\n{markdown(head, lines)}"
+        text += f"\nGoals: σ {std} m; noise: {YES[noise]}\n\n{markdown(head, lines)}"
     if ratios:
         head = "goals | noise | other | time [95 %] | faster, equal, slower | falls | p"
         text += RATIO_NOTE + markdown(head, map(ratio_line, ratios))
     return text
-
-
-def block_of(row):
-    """Two texts: which goals, and whether they are measured with noise."""
-    return f"σ {row['goal_std_m']} m", "yes" if row["noise"] else "no"
 
 
 # ------------------------------------------------------------------------ files
@@ -537,13 +524,11 @@ def write_trials(path, blocks, results):
     lines = csv.writer(text, lineterminator="\n")
     head = "planner noise goal_std_m seed trial x y yaw mu outcome time steps still_there"
     lines.writerow(head.split())
-    yes = {True: "yes", False: "no"}
     for (planner, noise, std), walks in results.items():
         trials = blocks[std]
-        for i, goal in enumerate(trials.goals):
-            which = [planner, yes[noise], std, trials.seed, i, *goal]
-            walk = [walks[name][i] for name in ("mu", "outcome", "time", "steps")]
-            lines.writerow([*which, *walk, yes[walks["still_there"][i]]])
+        # What `evaluate` returns has the order of the head: mu, outcome, time, steps; still_there
+        for i, (goal, *walk, still) in enumerate(zip(trials.goals, *walks.values())):
+            lines.writerow([planner, YES[noise], std, trials.seed, i, *goal, *walk, YES[still]])
     robot_model.write_text(path, text.getvalue())
 
 
@@ -567,7 +552,7 @@ def load_policy(path, world):
 
 def load_planner(path):
     """The planner in a file of your own."""
-    with one_line_if_it_exits(path):
+    with env.one_line_if_it_exits(path):
         (planner_class,) = env.names_in(path, Planner=type)
         return planner_class()
 
@@ -585,11 +570,9 @@ def choose_planners(world, policies, files=()):
         if name in chosen | baselines:
             name = path.as_posix()
         print(f"{name}: {path}")
-        if path in files:
-            chosen[name] = load_planner(path)
-            shown = name if shown == "policy" else shown  # the first one
-        else:
-            chosen[name] = load_policy(path, world)
+        chosen[name] = load_planner(path) if path in files else load_policy(path, world)
+        if path in files[:1]:  # the first one
+            shown = name
     return chosen | baselines, shown
 
 
@@ -601,9 +584,8 @@ def plot_footsteps(world, planners, trials, path):
     for panel, (name, planner) in zip(axes, planners.items()):
         draw_walks(panel, world, planner, trials)
         panel.set_title(name, parse_math=False)  # a $ in a name is no formula
-        panel.set(aspect="equal", xlabel="x [m]")
+        panel.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         panel.margins(0.1, 0.35)
-    axes[0].set_ylabel("y [m]")
     figure.suptitle("Two walks without noise; a goal's tip is its yaw; black: the torso's path")
     robot_model.save_figure(figure, path)
 
@@ -612,10 +594,9 @@ def foot_poses(robot, torso, joints):
     """Where the ankles are on the floor, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
     torso [K, 6], joints [K, 12]."""
     origins, turns = robot_model.body_frames(robot, torso, joints)
-    ankles = origins[:, [4, 8]]  # [K, 2, 3]
     toes = turns[:, [4, 8]][..., 0]  # [K, 2, 3] the x axes of the feet
     yaw = np.arctan2(toes[..., 1], toes[..., 0])  # [K, 2]
-    return np.dstack([ankles[..., :2], yaw])
+    return np.dstack([origins[:, [4, 8], :2], yaw])
 
 
 def draw_walks(panel, world, planner, trials):
@@ -634,10 +615,10 @@ def draw_walks(panel, world, planner, trials):
     end = evaluate(planner, world, trials, watch)
     for i, (x, y, yaw) in enumerate(trials.goals):
         every = 1 + len(feet[i]) // 12
-        drawn = feet[i][::-every]
-        env.draw_way(panel, world, [x, y, yaw], drawn, robot_model.camera_at(-90, 90))
+        camera = robot_model.camera_at(-90, 90)
+        env.draw_way(panel, world, [x, y, yaw], feet[i][::-every], camera)
         ending = f"{end['outcome'][i]}\n{end['time'][i]:.1f} s"  # on the far side of the goal
-        panel.text(x, y + math.copysign(0.45, y), ending, size=13, ha="center", va="center")
+        panel.text(x, y + math.copysign(0.45, y), ending, ha="center", va="center")
 
 
 # ------------------------------------------------------------------------ command line
@@ -649,8 +630,8 @@ def arguments(argv, doc=__doc__):
     add("--noise", action="store_true")
     add("--far", action="store_true")
     add("--episodes", type=int, default=500, help="Walk to so many goals (default 500).")
-    add("--friction", type=float)
     add("--push", type=float)
+    add("--friction", type=float)
     add("--policy", **several)
     add("--planner", **several)
     add("--robot", type=Path)
@@ -672,8 +653,11 @@ def write_results(args, blocks, results, out):
     """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
     rows = [summary(*row, walks) for row, walks in results.items()]
     ratios = compare(results)
-    given = {name: getattr(args, name) for name in ("push", "friction", "robot")}
-    flags = [f"--{name} {value}" for name, value in given.items() if value is not None]
+    flags = [
+        f"--{name} {value}"
+        for name, value in vars(args).items()
+        if name in ("push", "friction", "robot") and value is not None
+    ]
     text = table(rows, ratios, " ".join(flags))
     print(f"\n{text}")  # before files are written, which may fail
     content = json.dumps(vars(args) | {"rows": rows, "ratios": ratios}, default=str)
@@ -695,8 +679,7 @@ def main(argv=None):
     results = evaluate_all(args, blocks, planners, settings)
     write_results(args, blocks, results, out)
     three = {name: planners[name] for name in ("baseline", "baseline_tuned", shown)}
-    trials = Trials(np.array(FIGURE_GOALS), args.seed)
-    plot_footsteps(world, three, trials, out / "footsteps.png")
+    plot_footsteps(world, three, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
 

@@ -59,11 +59,14 @@ def pictures(axes, world, planner, feet, push, name, window):
         now = torso[tick]
         camera = draw_scene(axes, world, feet[-20:], now, joints[tick], chosen)
         if any(push):  # it lasts for 5 ticks, which nobody would see
-            tip = now[:3] + [0, 0, 0.15]
-            tail = tip - [*robot_model.turned(push, now[5] * engine.planar), 0]  # 1 m is 1 m/s
-            style = {"color": "tab:red", "arrowprops": {"color": "tab:red"}, "ha": "center"}
+            torso_at = camera[1:] @ now[:3]
+            arrow = camera[1:] @ [
+                *robot_model.turned(push, now[5] * engine.planar),
+                0,
+            ]  # 1 m: 1 m/s
             text = f"push: {math.hypot(*push):.1f} m/s"
-            axes.annotate(text, camera[1:] @ tip, camera[1:] @ tail, **style)
+            style = {"color": "tab:red"}
+            axes.annotate(text, torso_at, torso_at - arrow, arrowprops=style, **style)
         seconds = (began + tick) * engine.robot.control_dt
         axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
         axes.axis(window)
@@ -73,7 +76,7 @@ def pictures(axes, world, planner, feet, push, name, window):
 def open_window():
     """An empty figure on the screen, and its axes."""
     plt.rcParams["toolbar"] = "None"  # every picture sets its own axes, so nobody can zoom
-    figure, axes = plt.subplots(num="Click a goal, and the robot walks there", figsize=(9, 7))
+    figure, axes = plt.subplots(figsize=(9, 7))
     if plt.get_backend() == "agg":  # which Matplotlib takes where it can open no window
         raise robot_model.InputError("this needs a display, and Tk or Qt (pip install pyqt6)")
     return figure, axes
@@ -88,7 +91,7 @@ def play(world, name, planner, push):
 
     def ground(event):
         """The place on the floor, x, y [m], to which the mouse points; nan: beside the picture."""
-        place = [event.xdata, event.ydata] if event.inaxes else [np.nan, np.nan]
+        place = np.array([event.xdata, event.ydata], float)  # of None it makes nan
         return np.linalg.solve(robot_model.camera_at()[1:, :2], place)
 
     def press(event):
@@ -99,9 +102,10 @@ def play(world, name, planner, push):
         if np.isfinite(x):
             world.set_goal([0], [*pressed, math.atan2(y, x)])
 
-    figure.canvas.mpl_connect("button_press_event", press)
-    figure.canvas.mpl_connect("button_release_event", release)
-    figure.canvas.mpl_connect("key_press_event", lambda event: keys.append(event.key))
+    connect = figure.canvas.mpl_connect
+    connect("button_press_event", press)
+    connect("button_release_event", release)
+    connect("key_press_event", lambda event: keys.append(event.key))
     world.goal[0], fell = evaluate.FIGURE_GOALS[0], True
     while plt.fignum_exists(figure.number):
         if fell:
@@ -119,7 +123,7 @@ def main(argv=None):
     args = evaluate.arguments(argv, __doc__)
     world = PushedWorld(1, noise=args.noise, **evaluate.world_settings(args))
     planners, name = evaluate.choose_planners(world, args.policy, args.planner)
-    with evaluate.one_line_if_it_exits(type(planners[name]).__module__):  # its file
+    with env.one_line_if_it_exits(type(planners[name]).__module__):  # its file
         play(world, name, planners[name], (args.push or 0.6, 0))
 
 
