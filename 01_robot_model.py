@@ -235,7 +235,7 @@ def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_o
     passes values of its own.)"""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
-    joints = body_inverse(robot, trunk, feet, planar)
+    joints = joints_for_feet(robot, trunk, feet, planar)
     return trunk - [0, 0, robot.sink, 0, 0, 0], joints
 
 
@@ -248,7 +248,7 @@ def fallen(torso, standing_height):
 
 def centre_of_mass(robot, torso, joints):
     """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
-    points, turns = body_frames(robot, torso, joints)
+    points, turns = link_frames(robot, torso, joints)
     links = [robot.torso] + 2 * [robot.hip, robot.thigh, robot.shin, robot.foot]
     coms = np.array([link.com for link in links])
     coms[5:, 1] *= -1  # outward: on the right side to the right
@@ -271,7 +271,7 @@ def rotation(roll, pitch, yaw):
     return np.stack(rows, -1).reshape(*cr.shape, 3, 3)
 
 
-def body_frames(robot, torso, joints):
+def link_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
     torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns their origins [..., 9, 3]
     (the torso's frame; of a leg the hip, the axis of hip pitch, knee, ankle) and their rotations
@@ -359,7 +359,7 @@ def leg_inverse(robot, position, foot_turn):
     return np.clip(joints, robot.joint_min, robot.joint_max)
 
 
-def body_inverse(robot, trunk, feet, planar=False):
+def joints_for_feet(robot, trunk, feet, planar=False):
     """Joint angles [..., 12] that put both feet, [..., 2, 4], in their places, if the trunk is at
     [..., 6]; or at [..., 2, 6]: where each leg takes it to be. planar: legs below their hips, feet
     along the trunk."""
@@ -381,7 +381,7 @@ def body_inverse(robot, trunk, feet, planar=False):
 
 # ------------------------------------------------------------------------ the control loop
 @dataclass
-class Body:
+class Variation:
     """How n robots differ from the model. Stage 3 chooses the values at random (domain
     randomization), and no planner sees them."""
 
@@ -396,7 +396,7 @@ class Body:
 
     @classmethod
     def as_model(cls, robot, n):
-        """The Body of n robots that do not differ from the model."""
+        """The Variation of n robots that do not differ from the model."""
         return cls(
             np.full(n, robot.friction),
             np.ones((n, 9)),
@@ -428,7 +428,7 @@ class Disturbance:
 #
 #     engine.plan(footsteps [n, 2, 3])  ──►  plan: trunk [n, T + 1, 6], feet [n, T + 1, 2, 4]
 #
-#     state [n, 21] ──► imu [k, 4] ──► plan.go_on: lean ──► capture_step ──► body_inverse
+#     state [n, 21] ──► imu [k, 4] ──► plan.go_on: lean ──► capture_step ──► joints_for_feet
 #         ▲                                                                  + reflex at the ankles
 #         │                                                                        │
 #     advance: 2 physics steps ◄── targets [k, 2, 12] ◄── delay, zeros ◄── target [k, 12]
@@ -450,16 +450,16 @@ class Simulator:
     def __init__(self, num_robots, standing, robot):
         self.robot = robot
         self.standing = standing  # torso [6], joints [12], see `stance`
-        self.body = Body.as_model(robot, num_robots)
+        self.variation = Variation.as_model(robot, num_robots)
         self.state = np.zeros((num_robots, 21))
         # [N, 12] [rad] of the last tick: the plan's target; what was sent to the motors
         self.last_target, self.last_sent = np.zeros((2, num_robots, 12))
 
-    def reset(self, robots, body=None):
-        """Robots [n] stand at the origin, with this Body; None: that of the model."""
-        body = body or Body.as_model(self.robot, len(robots))
-        for name, values in vars(body).items():  # field by field
-            getattr(self.body, name)[robots] = values
+    def reset(self, robots, variation=None):
+        """Robots [n] stand at the origin, with this Variation; None: that of the model."""
+        variation = variation or Variation.as_model(self.robot, len(robots))
+        for name, values in vars(variation).items():  # field by field
+            getattr(self.variation, name)[robots] = values
         torso, joints = self.standing
         self.state[robots] = [*torso, *joints, 0, 0, 0]
         self.last_target[robots] = self.last_sent[robots] = joints
@@ -471,7 +471,7 @@ class Simulator:
         [n, 4]. (A real gyro measures rates about the torso's own axes. Upright these are nearly the
         same.)"""
         imu = self.state[robots][:, IMU]
-        imu[:, 2:] += self.body.gyro[robots]
+        imu[:, 2:] += self.variation.gyro[robots]
         return imu
 
     def run(self, robots, plan, disturbance=None):
@@ -489,9 +489,13 @@ class Simulator:
             target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
             # sent = target + delay·(last target − target): 0 no delay, 1 a tick. (A delay between
             # 0 and 1 is a mixture, and no true delay.)
-            sent = target + self.body.delay[walking, None] * (self.last_target[walking] - target)
+            sent = target + self.variation.delay[walking, None] * (
+                self.last_target[walking] - target
+            )
             # At the beginning and at the end of the tick  [k, 2, 12]
-            targets = np.stack([self.last_sent[walking], sent], 1) + self.body.zero[walking, None]
+            targets = (
+                np.stack([self.last_sent[walking], sent], 1) + self.variation.zero[walking, None]
+            )
             self.last_target[walking], self.last_sent[walking] = target, sent
             state = self.advance(walking, targets, disturbance.push[rows, tick], move)
             finite = (np.abs(state) < 1e6).all(1)  # else the physics diverged: a fall, too
@@ -618,7 +622,7 @@ class MujocoSim(Simulator):
     A motor gets the target of the tick's end. A joint that turns at 1 rad/s is about 5 ms behind
     this target (knee 7), because back-EMF and dry friction hold it back."""
 
-    # Our bodies, to which the columns of `Body.mass` belong, the torso first; 0 is the world.
+    # Our bodies, to which the columns of `Variation.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
     ORDER = [0, 1, 2, 5, 4, 3, *range(6, 18)]  # MuJoCo's joints, as in our state
 
@@ -640,16 +644,16 @@ class MujocoSim(Simulator):
         self.physics[i] = 0
         # (ORDER leads back, too: a swap of two undoes itself.)
         self.physics[i, 1:19] = np.concatenate(self.standing)[self.ORDER]
-        body = self.body
+        variation = self.variation
         self.models[i] = model = copy.copy(self.model)
-        model.body_mass[self.PARTS] *= body.mass[i]
-        model.body_inertia[self.PARTS] *= body.mass[i, :, None]
-        model.body_ipos[self.PARTS[0]] += body.com[i]
-        model.pair_friction[:, :2] = body.friction[i]
+        model.body_mass[self.PARTS] *= variation.mass[i]
+        model.body_inertia[self.PARTS] *= variation.mass[i, :, None]
+        model.body_ipos[self.PARTS[0]] += variation.com[i]
+        model.pair_friction[:, :2] = variation.friction[i]
         # A servo's force is gainprm[0]·target + biasprm[1]·q, with stiffness and −stiffness.
-        model.actuator_gainprm[:, 0] *= body.stiffness[i]
-        model.actuator_biasprm[:, 1] *= body.stiffness[i]
-        model.dof_frictionloss[6:] *= body.stiction[i]
+        model.actuator_gainprm[:, 0] *= variation.stiffness[i]
+        model.actuator_biasprm[:, 1] *= variation.stiffness[i]
+        model.dof_frictionloss[6:] *= variation.stiction[i]
         mujoco.mj_setConst(model, self.data[0])  # what MuJoCo derives from the masses
 
     def advance(self, robots, targets, push, move):
@@ -714,10 +718,10 @@ class PymunkSim(Simulator):
     def place(self, i):
         """See `Simulator`. In a fresh space, as a used one keeps contacts of the last fall."""
         robot, (torso, joints) = self.robot, self.standing
-        factors = self.body.mass[i, self.LINKS]
+        factors = self.variation.mass[i, self.LINKS]
         masses = factors * [link.mass for link in self.links]
         moments = factors * [link.inertia[1] for link in self.links]
-        friction = self.body.friction[i]
+        friction = self.variation.friction[i]
         for number in (*masses, *moments, friction, robot.planar_iterations):
             if not 0 <= number < np.inf:  # an assertion of pymunk would end Python
                 raise InputError(f"pymunk can use no mass, inertia, μ or iterations of {number}")
@@ -729,13 +733,13 @@ class PymunkSim(Simulator):
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
         ground.friction = friction  # pymunk MULTIPLIES both μ; the other one is 1
         space.add(ground)
-        origins, _ = body_frames(robot, torso, joints)  # [9, 3]
+        origins, _ = link_frames(robot, torso, joints)  # [9, 3]
         points = origins[self.LINKS][:, [0, 2]].tolist()  # [7, 2] x, z
         # Along a leg pitches add up: of thigh, shin, foot  [2, 3]; with the torso [7]
         pitches = torso[4] + np.append(0, joints[SAGITTAL].reshape(2, 3).cumsum(1))
         coms = np.array([link.com for link in self.links])  # [7, 3] seen from the joint above
         # Only the torso's own centre of mass is random, not that of the hips' motors.
-        coms[0] += robot.torso.mass / self.links[0].mass * self.body.com[i]
+        coms[0] += robot.torso.mass / self.links[0].mass * self.variation.com[i]
         bodies, motors = [], []
         for mass, moment, com, point, pitch in zip(masses, moments, coms, points, pitches):
             body = pymunk.Body(mass, moment)
@@ -759,7 +763,7 @@ class PymunkSim(Simulator):
             index = joint % 6  # in its leg
             motor = pymunk.SimpleMotor(bodies[parent], body, 0.0)
             # Dry friction lowers the largest torque.
-            stiction = robot.stiction[index] * self.body.stiction[i, joint]
+            stiction = robot.stiction[index] * self.variation.stiction[i, joint]
             motor.max_force = max(0, robot.torque_limit[index] - stiction)
             space.add(motor, pymunk.PivotJoint(bodies[parent], body, point))
             motors.append(motor)
@@ -770,7 +774,7 @@ class PymunkSim(Simulator):
         So the target's rate is added (feedforward)."""
         robot, state = self.robot, self.state[robots]
         start, end = targets[..., SAGITTAL].swapaxes(0, 1)  # [n, 6] each
-        gain = robot.planar_gain * self.body.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
+        gain = robot.planar_gain * self.variation.stiffness[robots][:, SAGITTAL]  # [n, 6] [1/s]
         limit = np.tile(robot.speed_limit[2:5], 2)  # [6] [rad/s]
         speeds = (end - start) / robot.control_dt + gain * (start - state[:, ANGLES[SAGITTAL]])
         speeds = np.clip(speeds, -limit, limit)
@@ -834,7 +838,7 @@ def draw_robots(axes, robot, torso, joints, camera):
     of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one."""
     low = -robot.ankle_height
     sole = [[-robot.foot_back, 0, low], [robot.foot_front, 0, low]]  # heel, toe
-    for k, (origins, turns) in enumerate(zip(*body_frames(robot, torso, joints)), 1):
+    for k, (origins, turns) in enumerate(zip(*link_frames(robot, torso, joints)), 1):
         lines = [
             (origins[0] + ends @ turns[0].T, color, radius) for ends, color, radius in UPPER_BODY
         ]
@@ -934,7 +938,7 @@ STYLE = {
 }
 
 
-def start(main):
+def run_script(main):
     """Calls a script's main(). Prints one line without a traceback for what is no bug: Ctrl-C, and
     input that cannot be used. A reader like `head` may stop reading."""
     if hasattr(sys.stdout, "reconfigure"):  # that of a notebook cannot do this
@@ -992,4 +996,4 @@ def main():
 
 
 if __name__ == "__main__":
-    start(main)
+    run_script(main)

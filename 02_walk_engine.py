@@ -59,7 +59,7 @@ compose = robot_model.compose
 class WalkParameters:
     """How the robot walks; named after the parameters of [5]."""
 
-    half_ticks: int  # [control ticks] of a single step
+    step_ticks: int  # [control ticks] of a single step
     double_support: float  # [-] share of a single step with both feet on the floor
     foot_distance: float  # [m] between the ankles when standing
     foot_rise: float  # [m] apex of the swing foot
@@ -94,9 +94,9 @@ class WalkEngine:
         p = self.parameters = parameters
         self.robot = robot
         self.planar = planar
-        self.step_time = p.half_ticks * robot.control_dt  # [s] a single step
+        self.step_time = p.step_ticks * robot.control_dt  # [s] a single step
         self.period = 2 * self.step_time  # [s] a double step that does not wait
-        self.period_ticks = 2 * p.half_ticks  # [control ticks] the same
+        self.period_ticks = 2 * p.step_ticks  # [control ticks] the same
         self.stance = robot_model.stance(  # torso, joints
             robot, planar, p.trunk_height, p.foot_distance, p.trunk_pitch, p.trunk_x_offset
         )
@@ -119,7 +119,7 @@ class WalkEngine:
 
     def swinging(self, samples):
         """Which foot swings at these samples [...] of a plan, [..., 2] bool: left, right."""
-        first = samples < self.parameters.half_ticks
+        first = samples < self.parameters.step_ticks
         return np.stack([first, ~first], -1)
 
     def landings(self, right, footsteps):
@@ -153,7 +153,7 @@ class WalkEngine:
             self._knot(new_right, new_left, next_left),
         ]
         trunk = self._trunk_path(knots, robots)  # [n, T + 1, 6]
-        change = self.parameters.half_ticks  # the tick when the support foot changes
+        change = self.parameters.step_ticks  # the tick when the support foot changes
         feet = np.zeros((len(left), self.period_ticks + 1, 2, 4))
         ground = [0, 1, 3]  # x, y, yaw of a foot on its way; z stays 0 where it stands
         feet[:, : change + 1, LEFT] = self._swing(left, new_left)
@@ -209,12 +209,12 @@ class WalkEngine:
         return path.swapaxes(1, 2)
 
     def _swing(self, start, landing):
-        """The swing foot [n, half_ticks + 1, 4] (x, y, z, yaw) of a single step. In its first part,
+        """The swing foot [n, step_ticks + 1, 4] (x, y, z, yaw) of a single step. In its first part,
         `double_support` of it, the foot stands. Then x, y and yaw go to the landing, each along one
         quintic from rest to rest. z rises by `foot_rise` in the first half of this swing, along a
         quintic, too. In the second half it goes back along the same curve."""
         p = self.parameters
-        time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step, then of the swing
+        time = np.linspace(0, 1, p.step_ticks + 1)  # of the single step, then of the swing
         time = np.clip((time - p.double_support) / (1 - p.double_support), 0, 1)
         smooth = quintic([0, 0, 0], [1, 0, 0], 1)  # from 0 to 1, from rest to rest
         share = polynomial(smooth, time)[:, None]
@@ -225,10 +225,10 @@ class WalkEngine:
 
 
 # In 3-D found by `python tests/studies/walk.py --tune --mujoco` on 2026-11-28, in 2-D by a search
-# for speed on 2026-11-26 (half_ticks was given).
+# for speed on 2026-11-26 (step_ticks was given).
 TUNED = {
     "pymunk": WalkParameters(
-        half_ticks=31,
+        step_ticks=31,
         double_support=0.0498,
         foot_distance=0.18,  # not tuned: in 2-D it hardly matters
         foot_rise=0.0313,
@@ -239,7 +239,7 @@ TUNED = {
         reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
     ),
     "mujoco": WalkParameters(
-        half_ticks=30,
+        step_ticks=30,
         double_support=0.0097,
         foot_distance=0.1641,
         foot_rise=0.0414,
@@ -372,7 +372,7 @@ class WalkPlan:
         trunk_of_leg[..., 3:5] += answer[..., 1:]
         # And the landing is shifted to the left of the trunk  [k, 2, 2]
         feet[..., :2] += robot_model.turned(answer[..., :1] * [0, 1], trunk_of_leg[..., 5])
-        joints = robot_model.body_inverse(engine.robot, trunk_of_leg, feet, engine.planar)
+        joints = robot_model.joints_for_feet(engine.robot, trunk_of_leg, feet, engine.planar)
         # The planned change of the trunk in this tick: of roll and pitch, and on the floor
         planned_rates = (next_trunk - trunk)[:, 3:5] / engine.robot.control_dt  # [k, 2]
         move = robot_model.relative(trunk[:, GROUND], next_trunk[:, GROUND])  # [k, 3]
@@ -409,9 +409,9 @@ def walkers(sim, num_robots, parameters=None, robot=robot_model.ROBOT):
 
 
 def walk_plans(
-    sim, parameters, footsteps, body=None, disturb=None, watch=None, robot=robot_model.ROBOT
+    sim, parameters, footsteps, variation=None, disturb=None, watch=None, robot=robot_model.ROBOT
 ):
-    """Lets N robots, which differ from the model by `body`, walk S double steps [N, S, 2, 3].
+    """Lets N robots, which differ from the model by `variation`, walk S double steps [N, S, 2, 3].
     Returns torso poses [N, S + 1, 3], commanded ones [N, S + 1, 3] (yaws unwrapped; both begin at
     the origin), and in which double step each robot fell [N] (S: it did not fall). It stays where
     it is at the end of this double step. Before double step k disturb(k, disturbance, robots) may
@@ -419,7 +419,7 @@ def walk_plans(
     footsteps = np.asarray(footsteps)
     n, count = footsteps.shape[:2]  # N, S
     engine, simulator = walkers(sim, n, parameters, robot)
-    simulator.reset(np.arange(n), body)
+    simulator.reset(np.arange(n), variation)
     poses, commanded = np.zeros((2, n, count + 1, 3))
     fall_step = np.full(n, count)
     offset = np.array([parameters.trunk_x_offset, 0, 0])  # the trunk, seen from between the feet
@@ -458,7 +458,7 @@ def pushed(sim, parameters, speed, count=12):
     [count]. T differs from robot to robot."""
     tilts = [[] for _ in range(count)]
     force = push_force(robot_model.ROBOT, speed)
-    moments = np.linspace(0, 2 * parameters.half_ticks - PUSH_TICKS, count).astype(int)
+    moments = np.linspace(0, 2 * parameters.step_ticks - PUSH_TICKS, count).astype(int)
 
     def disturb(k, disturbance, robots):
         if k == 1:
@@ -498,7 +498,7 @@ def plot_plan(engine, plan, motion, path):
     robot = engine.robot
     # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
-    points, _ = robot_model.body_frames(robot, motion.torso[0], motion.joints[0])
+    points, _ = robot_model.link_frames(robot, motion.torso[0], motion.joints[0])
     walked = points[:, [4, 8, 0]]  # the ankles and the torso
     walked[:, :2, 2] -= robot.ankle_height  # now the soles below the ankles
     # The simulators' origin is where the torso was after the reset. The plan's is between the feet.
@@ -556,4 +556,4 @@ def main():
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

@@ -299,7 +299,7 @@ def draw_goals(rng, count, task=Task(), far=False):
 @dataclass(frozen=True)
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization): ± on
-    every number of the field of the same name in the Body of stage 1, each uniform and independent.
+    every number of the field of the same name in the Variation of stage 1, each uniform and independent.
     All zeros: the model itself. Sizes: our choice. (Random numbers are drawn in the order of the
     fields, so another order gives other episodes.)"""
 
@@ -313,13 +313,15 @@ class Spread:
     gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
 
     def draw(self, rngs, robot):
-        """The Body of stage 1 for n robots, one generator each."""
-        body = robot_model.Body.as_model(robot, len(rngs))
+        """The Variation of stage 1 for n robots, one generator each."""
+        variation = robot_model.Variation.as_model(robot, len(rngs))
         for name, size in vars(self).items():
-            values = getattr(body, name)  # [n, …]
+            values = getattr(variation, name)  # [n, …]
             values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
-        body.friction, body.delay = np.abs([body.friction, body.delay])  # neither is below 0
-        return body
+        variation.friction, variation.delay = np.abs(
+            [variation.friction, variation.delay]
+        )  # neither is below 0
+        return variation
 
 
 # ------------------------------------------------------------------------ the world
@@ -401,8 +403,8 @@ class FootstepWorld:
         if goals is None:  # far with probability ½
             dice = [self.dice[i].goal for i in robots]
             goals = [draw_goals(rng, 1, self.task, far=rng.random() < 0.5)[0] for rng in dice]
-        body = self.spread.draw([self.dice[i].world for i in robots], self.engine.robot)
-        self.simulator.reset(robots, body)
+        variation = self.spread.draw([self.dice[i].world for i in robots], self.engine.robot)
+        self.simulator.reset(robots, variation)
         self.engine.reset(robots)
         self.last_action[robots] = self.neutral_action
         self.steps[robots] = self.ticks[robots] = 0
@@ -813,4 +815,4 @@ def main():
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

@@ -7,7 +7,7 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken, here 245 times:          `train`
         (1) a rollout: 64 robots take 16 double steps each, by π      `collect`
-        (2) judge each of these 1,024 actions: its advantage A, by V  `advantages_and_targets`, `gae`
+        (2) judge each of these 1,024 actions: its advantage A, by V  `judge`, `gae`
         (3) improve both networks, with every sample ten times:       `improve`
             ρ = π(a|s) / π_old(a|s),  Â = A, standardised
             L = mean min(ρ·Â, clip(ρ, 1 ± ε)·Â)                       `clipped_objective`
@@ -159,7 +159,7 @@ def clipped_objective(ratio, advantage, clip):
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
 
-def advantages_and_targets(model, data, cfg):
+def judge(model, data, cfg):
     """(2) The advantages and the critic's targets, [T, N] each; data: as by `collect`."""
     with torch.no_grad():
         values = model.value(data["obs"])  # [T, N]
@@ -280,7 +280,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
         rate = float(cfg.learning_rate * (1.0 - update / updates))  # falls linearly to 0
         optimizer.param_groups[0]["lr"] = rate
         data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
-        data["advantage"], data["target"] = advantages_and_targets(model, data, cfg)  # (2)
+        data["advantage"], data["target"] = judge(model, data, cfg)  # (2)
         numbers = improve(model, optimizer, data, cfg)  # (3)
         if not math.isfinite(numbers.get("value_loss", 0)):
             raise InputError(f"update {update + 1}: the loss is not finite")
@@ -403,7 +403,7 @@ def first_model(envs, cfg, make_model):
 
 
 # ------------------------------------------------------------------------ files
-def plain(value):
+def as_json(value):
     """The value as numbers, texts, lists and dicts; also arrays and dataclasses in it. (A file with
     numbers of numpy in it can be written, but not be read.)"""
 
@@ -415,7 +415,7 @@ def plain(value):
 
 def fingerprint(world):
     """What a policy is trained in, as plain values by name."""
-    return plain(
+    return as_json(
         {
             "simulator": world.sim,
             "observation": [row[0] for row in env.OBSERVATION],
@@ -432,7 +432,7 @@ def fingerprint(world):
 def save_policy(path, model, **about):
     """Writes the model as it is now, and `about`. The name of the weights says what the actor's
     outputs mean: a file in which they mean something else is refused."""
-    stored = {**plain(about | model.sizes), "mode_and_concentration": model.state_dict()}
+    stored = {**as_json(about | model.sizes), "mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
@@ -546,4 +546,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

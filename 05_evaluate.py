@@ -124,7 +124,7 @@ def evaluate(planner, world, trials, watch=None):
             standing = standing[~result["fall"]]
 
     return {
-        "mu": world.simulator.body.friction[everybody],
+        "mu": world.simulator.variation.friction[everybody],
         "outcome": outcome,
         "time": time.round(12),
         "steps": steps,
@@ -593,7 +593,7 @@ def plot_footsteps(world, planners, trials, path):
 def foot_poses(robot, torso, joints):
     """Where the ankles are on the floor, and where the toes point: [K, 2, 3] x, y [m], yaw [rad];
     torso [K, 6], joints [K, 12]."""
-    origins, turns = robot_model.body_frames(robot, torso, joints)
+    origins, turns = robot_model.link_frames(robot, torso, joints)
     toes = turns[:, [4, 8]][..., 0]  # [K, 2, 3] the x axes of the feet
     yaw = np.arctan2(toes[..., 1], toes[..., 0])  # [K, 2]
     return np.dstack([origins[:, [4, 8], :2], yaw])
@@ -684,4 +684,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

@@ -101,7 +101,7 @@ SPREAD = {
 
 def bodies(count):
     """Robots that differ from the model by at most so much."""
-    body, rng = robot_model.Body.as_model(ROBOT, count), default_rng(0)
+    body, rng = robot_model.Variation.as_model(ROBOT, count), default_rng(0)
     for name, width in SPREAD.items():
         values = getattr(body, name)
         values += width * rng.uniform(-1, 1, values.shape)
@@ -203,7 +203,7 @@ def test_forward_kinematics_and_the_centre_of_mass_equal_those_of_mujoco(robot):
     poses = random_joints(rng, *shape)
     torsos = rng.uniform(-1.2, 1.2, (*shape, 6))
     frozen(torsos, poses)
-    found = robot_model.body_frames(robot, torsos, poses)
+    found = robot_model.link_frames(robot, torsos, poses)
     for got, more in zip(found, ((9, 3), (9, 3, 3))):
         assert np.shape(got) == (*shape, *more), "torso [..., 6], joints [..., 12]: any [...]"
     data = [mujoco_at(torsos[i], poses[i], robot)[1] for i in np.ndindex(shape)]
@@ -230,7 +230,7 @@ def left_leg(robot, joints):
     """Axis of hip pitch, knee and ankle [..., 3, 3] in the frame of the left hip, and the foot's
     rotation [..., 3, 3]; joints [..., 6]."""
     joints = np.tile(joints, 2)
-    origins, turns = robot_model.body_frames(robot, 0 * joints[..., :6], joints)
+    origins, turns = robot_model.link_frames(robot, 0 * joints[..., :6], joints)
     return origins[..., 2:5, :] - robot.hips[0], turns[..., 4, :, :]
 
 
@@ -258,18 +258,18 @@ def test_leg_inverse_undoes_forward(robot):
 
 
 @BOTH
-def test_body_inverse_puts_the_feet_where_they_should_be(sim):
+def test_joints_for_feet_puts_the_feet_where_they_should_be(sim):
     rng, n, place = default_rng(3), 200, [0, 1, 3]  # x, y, yaw of a foot
     trunk = stance(sim)[0] + rng.uniform(-1, 1, (n, 6)) * [1, 1, 0.02, 0.1, 0.1, 3]
     away = rng.uniform(-1, 1, (n, 2, 3)) * [0.05, 0.02, 0.3] + [[0, 0.09, 0], [0, -0.09, 0]]
     here, feet = trunk[:, None, robot_model.GROUND], rng.uniform(0, 0.03, (n, 2, 4))
     feet[..., place] = robot_model.compose(here, away)
     trunk[:, 3] *= sim == "mujoco"
-    joints = robot_model.body_inverse(ROBOT, trunk, feet, sim == "pymunk")
+    joints = robot_model.joints_for_feet(ROBOT, trunk, feet, sim == "pymunk")
     if sim == "pymunk":
         away[..., 1], away[..., 2] = ROBOT.hips[:, 1], 0  # legs below their hips
         feet[..., place] = robot_model.compose(here, away)
-    origins, turns = robot_model.body_frames(ROBOT, trunk, joints)
+    origins, turns = robot_model.link_frames(ROBOT, trunk, joints)
     close(origins[:, [4, 8]] - [0, 0, ROBOT.ankle_height], feet[..., :3], "soles are elsewhere")
     level = robot_model.rotation(0, 0, feet[..., 3])
     close(turns[:, [4, 8]], level, "soles must be level, and point where they should")
@@ -418,7 +418,7 @@ def test_motion_tells_where_the_bodies_are_and_how_fast_they_turn(sim):
         return
     equal(np.delete(joints, SAGITTAL, 1), 0, "the plane has no such joints")
     torso[:, robot_model.GROUND] = 0  # seen from its own place, along its own plane
-    points, turns = robot_model.body_frames(ROBOT, torso, joints)
+    points, turns = robot_model.link_frames(ROBOT, torso, joints)
     for i, (_, links, _) in enumerate(simulator.worlds):
         places = [body.position - (links[0].position.x, 0) for body in links]
         got = points[i, PLANAR][:, [0, 2]]
@@ -487,7 +487,7 @@ def test_robot_falls_when_its_centre_of_mass_passes_its_toes(sim):
 def test_a_robot_whose_plan_is_done_keeps_its_state(sim):
     """And goes on from there, with what it chose last."""
     simulator, plan = make_sim(sim, 2), leaning(sim, [0.2, 0.2], 0.3)
-    simulator.reset([0, 1], replace(robot_model.Body.as_model(ROBOT, 2), delay=[0.5, 0.5]))
+    simulator.reset([0, 1], replace(robot_model.Variation.as_model(ROBOT, 2), delay=[0.5, 0.5]))
     plan.move += 0.001
     plan.progress[1] = plan.ticks - 20
     motion = run(simulator, plan)
@@ -575,7 +575,7 @@ def test_the_imu_is_read_in_every_tick_with_the_gyro_s_constant_error(sim):
 def sliding(sim, ticks, degrees=0):
     """The μ that acts on two robots that are thrown in this direction; the second one drew 0.4."""
     simulator = make_sim(sim, 2)
-    simulator.reset([1], replace(robot_model.Body.as_model(ROBOT, 1), friction=[0.4]))
+    simulator.reset([1], replace(robot_model.Variation.as_model(ROBOT, 1), friction=[0.4]))
     run(simulator, still(sim, 2, 1.0))  # the weight settles on the soles
     thrown = math.cos(math.radians(degrees)), math.sin(math.radians(degrees)), 0
     for i in range(2):
@@ -725,7 +725,11 @@ def test_dry_friction_is_taken_from_a_planar_motors_largest_torque():
 @BOTH
 def test_a_delayed_robot_moves_as_one_that_is_sent_the_mixture_of_two_targets(sim):
     """And a joint with a wrong zero goes as far beside its target."""
-    simulator, body, rng = make_sim(sim, 4), robot_model.Body.as_model(ROBOT, 2), default_rng(6)
+    simulator, body, rng = (
+        make_sim(sim, 4),
+        robot_model.Variation.as_model(ROBOT, 2),
+        default_rng(6),
+    )
     body.delay[:], body.zero[:] = [1, 0.5], rng.uniform(-0.02, 0.02, (2, 12))
     simulator.reset([0, 1], body)
     given = stance(sim)[1] + rng.uniform(-0.1, 0.1, (2, 41, 12))
@@ -794,7 +798,7 @@ def test_a_diverged_robot_is_a_silent_fall_of_its_own(capfd, sim):
 
 def test_a_planar_robot_turns_and_moves_sideways_exactly_as_commanded():
     simulator, plan = make_sim("pymunk", 3), leaning("pymunk", [0.1, 0.1, 0.1], 0.3)
-    body = robot_model.Body.as_model(ROBOT, 3)
+    body = robot_model.Variation.as_model(ROBOT, 3)
     body.friction[1] = 0.001  # on ice, too
     simulator.reset(np.arange(3), body)
     plan.move[1:] = default_rng(0).uniform(-0.05, 0.05, (2, plan.ticks, 3))

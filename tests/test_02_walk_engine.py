@@ -28,7 +28,7 @@ def make_engine(sim, num_robots=1, robot=ROBOT, **law):
 
 def planned(engine, plan):
     """The joint angles of the first robot's planned feet and trunk, [T + 1, 12]."""
-    return robot_model.body_inverse(engine.robot, plan.trunk[0], plan.feet[0], engine.planar)
+    return robot_model.joints_for_feet(engine.robot, plan.trunk[0], plan.feet[0], engine.planar)
 
 
 def random_footsteps(rng, *shape):
@@ -84,13 +84,13 @@ def test_trunk_is_smooth_and_feet_stay_across_double_steps(sim):
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, -0.25])
 def test_trunk_passes_its_knots_between_the_feet(phase):
-    engine = make_engine("mujoco", half_ticks=28, trunk_phase=phase)
+    engine = make_engine("mujoco", step_ticks=28, trunk_phase=phase)
     p, (left, right) = engine.parameters, engine.foot_poses[0].copy()
     trunk = engine.plan([[[-0.08, 0.03, -0.2], [0.06, 0.01, -0.1]]], [0]).trunk[0]  # [T + 1, 6]
     new_left, new_right = engine.foot_poses[0]
     steps = (right, left, new_left), (new_left, right, new_right)
     for k, (support, start, landing) in enumerate(steps):
-        tick = round((k + 0.5 + phase) * p.half_ticks)  # the very tick of the knot
+        tick = round((k + 0.5 + phase) * p.step_ticks)  # the very tick of the knot
         x, y, z, roll, pitch, yaw = trunk[tick]
         before, after = (support + start) / 2, (support + landing) / 2
         centre = (before + after) / 2
@@ -198,14 +198,14 @@ def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law(sim):
         engine = make_engine(sim, 1, robot, capture=capture, reflex=reflex, wait=wait)
         for _ in range(2):
             plan = engine.plan([[[0.08, 0, 0.1], [0.08, 0.05, 0]]], [0])
-            most = 2 * engine.parameters.half_ticks + longer
+            most = 2 * engine.parameters.step_ticks + longer
             assert plan.most_ticks == most, "a double step may wait for longest_wait_ticks"
             close(followed(plan), planned(engine, plan)[1:], "a planned lean or rate is no error")
 
 
 def test_progress_advances_by_the_pace_and_no_joint_target_jumps():
     """Nearly to its end robots lean over their support foot, by more or less."""
-    half = walk_engine.TUNED["mujoco"].half_ticks
+    half = walk_engine.TUNED["mujoco"].step_ticks
     whole, until = 2 * half, 2 * half - 3  # [ticks]
     pace = np.array([1, 1, 0.6, 0.25, 0])
     engine = make_engine("mujoco", 5, capture=0.0, reflex=0.0, wait=10.0, late_lean=0.06)
@@ -238,7 +238,7 @@ def test_the_foot_lands_where_the_robot_leans_but_never_close_to_the_other_one()
     for lean, share in (-0.14, 1), (0.14, 0):
         engine = make_engine("mujoco", capture=1.0, wait=0.0, reflex=0.0)
         p = engine.parameters
-        last = p.half_ticks - 1  # [ticks] the left foot is about to land
+        last = p.step_ticks - 1  # [ticks] the left foot is about to land
         engine.foot_poses[0] = robot_model.compose(
             np.array([0, 0, np.pi / 2]), engine.foot_poses[0]
         )
@@ -249,7 +249,7 @@ def test_the_foot_lands_where_the_robot_leans_but_never_close_to_the_other_one()
         trunk, pivot = plan.trunk[0, last].copy(), plan.feet[0, last, 1, :3]
         trunk[:3] = pivot + robot_model.rotation(0, lean, 0) @ (trunk[:3] - pivot)
         trunk[3] += lean
-        points, turns = robot_model.body_frames(ROBOT, trunk, joints)
+        points, turns = robot_model.link_frames(ROBOT, trunk, joints)
         most = p.trunk_height * (0.14 - p.usual_lean)
         aside = plan.feet[0, last, 0, 0] - points[4, 0]
         hint = f"{1000 * aside:.0f} mm farther to the left: h·e is {1000 * most:.0f} mm"
@@ -276,7 +276,7 @@ def test_the_answer_of_a_foot_goes_on_in_the_next_double_step():
 @BOTH
 def test_all_zero_footsteps_step_on_the_spot(sim):
     engine = make_engine(sim)
-    p, half = engine.parameters, engine.parameters.half_ticks
+    p, half = engine.parameters, engine.parameters.step_ticks
     stands = [[0, p.foot_distance / 2, 0], [0, -p.foot_distance / 2, 0]]
     for _ in range(4):
         plan = engine.plan(np.zeros((1, 2, 3)), [0])
@@ -292,11 +292,11 @@ def test_all_zero_footsteps_step_on_the_spot(sim):
 
 
 def test_swing_foot_waits_rises_and_lands_at_rest():
-    engine = make_engine("mujoco", half_ticks=31, double_support=0.08)  # for 2.5 ticks
+    engine = make_engine("mujoco", step_ticks=31, double_support=0.08)  # for 2.5 ticks
     p, start = engine.parameters, engine.foot_poses[0, 0].copy()
     feet = engine.plan([[[0.1, 0.02, 0.2], [0.1, 0.0, 0.0]]], [0]).feet
-    left = feet[0, : p.half_ticks + 1, 0]  # [K, 4]
-    time = np.linspace(0, 1, p.half_ticks + 1)  # of the single step
+    left = feet[0, : p.step_ticks + 1, 0]  # [K, 4]
+    time = np.linspace(0, 1, p.step_ticks + 1)  # of the single step
     time = np.clip((time - p.double_support) / (1 - p.double_support), 0, 1)  # of the swing
 
     def smooth(time):
@@ -413,8 +413,8 @@ def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
 @BOTH
 def test_a_walk_is_that_of_the_body_and_of_the_robot_that_are_given(sim):
     walk = partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim], [[WALKS["forward"]] * 2])
-    ice = replace(robot_model.Body.as_model(ROBOT, 1), friction=0.1)
-    (usual, *_), (slips, *_) = walk(), walk(body=ice)
+    ice = replace(robot_model.Variation.as_model(ROBOT, 1), friction=0.1)
+    (usual, *_), (slips, *_) = walk(), walk(variation=ice)
     apart = np.abs(usual - slips).max()  # [m]
     assert apart > 0.001, "`body` reaches nobody: on ice the robot slips"
     equal(walk(robot=replace(ROBOT, friction=0.1))[0], slips, "`robot` is another one than ours")
@@ -429,12 +429,12 @@ def test_pushes_during_a_walk_tilt_the_robot_with_the_reflex_less(sim):
     blind, blind_fell = walk_engine.pushed(sim, replace(walk, reflex=0.0), speed, count)
     calm, calm_fell = walk_engine.pushed(sim, walk, 0.0, count=2)
     assert not calm_fell.any(), "without a push nobody falls: is a sign of the reflex wrong?"
-    assert len(calm[0]) >= 12 * walk.half_ticks, "six double steps"
+    assert len(calm[0]) >= 12 * walk.step_ticks, "six double steps"
     equal(calm[0], calm[1], "without a push all walk alike")
     same = [sum(np.isclose(a, b, 0, 1e-9) for a, b in zip(one, calm[0])) for one in tilts]
     assert len({*same}) == count, f"each is pushed at another moment: {same}"
     hint = f"all in the second double step, k = 1: {same}"
-    assert min(same) >= 2 * walk.half_ticks and max(same) < 4 * walk.half_ticks, hint
+    assert min(same) >= 2 * walk.step_ticks and max(same) < 4 * walk.step_ticks, hint
     falls, blind_falls = fell.sum(), blind_fell.sum()
     assert blind_falls, "without the reflex nobody falls: is the push too weak?"
     assert falls < blind_falls, f"{falls} fall with the reflex, {blind_falls} without it"

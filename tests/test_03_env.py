@@ -29,7 +29,7 @@ WALK = walk_engine.TUNED["pymunk"]
 STEPS = {"capture": 1.0, "wait": 30.0}  # it answers a lean strongly: a double step may take longer
 
 
-def motion(poses, fell=False, waits=0, usual=2 * WALK.half_ticks):
+def motion(poses, fell=False, waits=0, usual=2 * WALK.step_ticks):
     """A Motion that ends at these poses [n, 3], for a physics that does as the test says. It takes
     so many ticks more than the usual ones."""
     n = len(poses)
@@ -79,7 +79,7 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
 
 
 def test_a_vector_keeps_the_conventions_of_gymnasium():
-    task = replace(TASK, time_limit=0.04 * WALK.half_ticks)  # two double steps
+    task = replace(TASK, time_limit=0.04 * WALK.step_ticks)  # two double steps
     envs = gym.make_vec("Footsteps-v0", 2, task=task)
     listed = gym.wrappers.vector.DictInfoToList(envs)
     listed.reset(seed=0)
@@ -423,7 +423,7 @@ def test_estimate_correct_by_hand():
     frozen(goal, covariance, measured)
     got, after = env.correct(goal, covariance, measured, NOISE)
     assert (np.shape(got), np.shape(after)) == (goal.shape, covariance.shape), (
-        f"{BATCH}; `robot_model.apply` multiplies K of each robot by its error"
+        f"{BATCH}; `np.matvec` multiplies K of each robot by its error"
     )
     # K = 0.75, 0.5, 0.75; and 1
     mistakes = {
@@ -541,7 +541,7 @@ def test_the_imu_has_noise_of_its_own_at_every_tick():
 
 def test_every_number_of_a_body_is_uniform_around_that_of_the_model():
     n, spread = 2000, Spread()
-    rngs, model = default_rng(0).spawn(n), robot_model.Body.as_model(ROBOT, n)
+    rngs, model = default_rng(0).spawn(n), robot_model.Variation.as_model(ROBOT, n)
     body, columns = spread.draw(rngs, ROBOT), []
     assert vars(body).keys() == vars(spread).keys(), "a size for every field"
     for name, size in vars(spread).items():
@@ -583,7 +583,7 @@ class Greedy(Spread):  # takes more random numbers than ours
 
 @pytest.mark.parametrize("change, may_change", [
     ({"goals": [[1.0, 2.0, 3.0]]}, {"goal"}),
-    ({"spread": Greedy()}, set(robot_model.Body.__dataclass_fields__)),
+    ({"spread": Greedy()}, set(robot_model.Variation.__dataclass_fields__)),
     ({"push": 0.8}, {"push"}),
     ({"views": 2}, set()),
     ({"measurements": 1}, {"noise of the goal"}),
@@ -605,7 +605,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(change, ma
             world.step([WILD], [0])
             goal = world.goal.copy()
             world.set_goal([0], goal)  # so that the estimate is the next measurement
-            found = vars(world.simulator.body) | {
+            found = vars(world.simulator.variation) | {
                 "goal": goal,
                 "noise of the goal": world.estimate - world.relative_goal([0]),
                 "noise of the IMU": told[-1].imu,
@@ -667,7 +667,7 @@ CHANGES = {  # a student's first change of a number, in both simulators
     "a mass": {"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=3.0))},
     "a length": {"robot": replace(ROBOT, thigh_length=0.175)},
     "the walk": {"foot_rise": 0.03},
-    "a slower walk": {"half_ticks": 35},
+    "a slower walk": {"step_ticks": 35},
     "no choice sideways": {"limits": env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.4))},
     "the spread": {"spread": Spread(mass=0.3, delay=0), "drift": (0.1, 0.1, 0.1)},
 }
@@ -684,7 +684,7 @@ def test_whoever_changes_a_number_can_walk(sim, change):
     for _ in range(4):
         view = world.view(robots)
         result = world.step(env.hand_written(view.goal, world.limits), robots)
-    period = 0.02 * settings.get("walk", walk_engine.TUNED[sim]).half_ticks
+    period = 0.02 * settings.get("walk", walk_engine.TUNED[sim]).step_ticks
     close(view.period, period, "a planner is told how long a double step of this walk takes")
     assert world.drift == settings.get("drift", env.DRIFT[sim]), "what the filter expects"
     assert view.limits == settings.get("limits", env.LIMITS[sim]), "and what it may command"
@@ -788,7 +788,7 @@ def test_the_robot_of_a_file_is_a_world_s_settings(own_file, sim):
 @pytest.mark.parametrize("line", [
     "ROBOT = replace(ROBOT, thigh_length=-1.0)", "ROBOT = replace(ROBOT, gravity='g')",
     "ROBOT = replace(ROBOT, torso=replace(ROBOT.torso, mass=-1.0))",
-    "WALK = replace(WALK, half_ticks=0)", "WALK = replace(WALK, half_ticks=30.5)",
+    "WALK = replace(WALK, step_ticks=0)", "WALK = replace(WALK, step_ticks=30.5)",
     "LIMITS = env.StepLimits((0, 0), (1, 1, 1))",
 ])  # fmt: skip
 def test_a_robot_that_cannot_stand_or_step_is_one_line_that_names_its_file(own_file, sim, line):
@@ -851,7 +851,7 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(in_a_row, ends, want, c
                 "the last episode was"
             )
         hint = "a success took the time to the FIRST of those in a row"
-        ticks = range(2 * WALK.half_ticks + 1, 9999)  # of the first double step, of the second, …
+        ticks = range(2 * WALK.step_ticks + 1, 9999)  # of the first double step, of the second, …
         close(result["time"], 0.01 * sum(ticks[:counted]), hint)
 
 
@@ -860,7 +860,7 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(in_a_row, ends, want, c
 def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
     walk = walk_engine.TUNED[sim]
     longest = 0.01 * walk.longest_wait_ticks * (walk.wait > 0)  # [s] so long the last one may wait
-    limit = limit or 0.1 * walk.half_ticks + longest
+    limit = limit or 0.1 * walk.step_ticks + longest
     envs = FootstepVectorEnv(5, sim, task=replace(TASK, time_limit=limit))
     world, usual = envs.world, envs.world.engine.period_ticks
     whole = math.floor((limit - longest) / world.engine.period + 1e-9)  # double steps that fit in

@@ -362,7 +362,7 @@ def rollout(model, steps=16, robots=8, scale=1.0, shift=0.0):
 
 def improve(model, optimizer, data, cfg):
     """`ppo.improve` with data that are judged as in a training."""
-    advantage, target = ppo.advantages_and_targets(model, data, cfg)
+    advantage, target = ppo.judge(model, data, cfg)
     return ppo.improve(model, optimizer, data | {"advantage": advantage, "target": target}, cfg)
 
 
@@ -451,7 +451,7 @@ def test_the_critic_s_weight_is_value_coef(value_coef):
     cfg = PPOConfig(minibatch=128, epochs=1, max_grad_norm=1e9, value_coef=value_coef)  # one step
     start, model = fresh_model(), fresh_model()
     data = rollout(model)
-    judged = _, targets = ppo.advantages_and_targets(start, data, cfg)
+    judged = _, targets = ppo.judge(start, data, cfg)
     assert not any(numbers.requires_grad for numbers in judged), (
         "advantages and targets are numbers, which no gradient changes: no_grad"
     )
@@ -512,9 +512,7 @@ def test_the_learning_rate_falls_to_zero():
         """Another model."""
 
     def watched(model, optimizer, data, cfg):
-        for got, want in zip(
-            (data["advantage"], data["target"]), ppo.advantages_and_targets(model, data, cfg)
-        ):
+        for got, want in zip((data["advantage"], data["target"]), ppo.judge(model, data, cfg)):
             equal(got, want, "(2) judges what was collected, before (3)")
         rates.append(optimizer.param_groups[0]["lr"])
         rollouts.append(data)

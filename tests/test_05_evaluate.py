@@ -33,7 +33,7 @@ B = evaluate.BaselineSettings()
 OTHER = evaluate.BaselineSettings(0.3, 0.1, 0.2, 0.8, gain=0.5, turning_gain=2.0, far_m=0.4)
 # By hand and not by the stages, which may be empty exercises when this module is imported:
 ROBOT, WALK = robot_model.RobotModel(), env.walk_engine.TUNED["pymunk"]
-PERIOD = 2 * ROBOT.control_dt * WALK.half_ticks  # [s] a double step
+PERIOD = 2 * ROBOT.control_dt * WALK.step_ticks  # [s] a double step
 
 
 def view(goal, robots=(0,), **known):
@@ -600,7 +600,7 @@ def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
     one_robot, tmp_path, capsys, settings, said
 ):
     path = save_untrained(tmp_path / "policy.pt", **settings)
-    planner = evaluate.load_policy(path, one_robot)
+    planner = evaluate.policy_planner(path, one_robot)
     printed = capsys.readouterr().out
     note = f"note: {path.as_posix()} was trained with another {said}\n"
     assert printed == (note if said else "")
@@ -878,7 +878,7 @@ def test_recorded_feet_follow_from_torso_and_joints():
     """Of a robot in any place whose joints put its feet somewhere, in its frame x, y, z, yaw."""
     feet = np.array([[0.03, 0.1, 0.02, 0.2], [-0.04, -0.08, 0, -0.1]])
     trunk = np.array([0.01, 0.02, 0.36, 0.05, 0.1, 0.1])
-    joints = robot_model.body_inverse(ROBOT, trunk, feet)
+    joints = robot_model.joints_for_feet(ROBOT, trunk, feet)
     place = np.array([0.3, -0.2, 0.5])
     ground = robot_model.GROUND
     trunk[ground] = robot_model.compose(place, trunk[ground])

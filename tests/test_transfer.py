@@ -177,7 +177,7 @@ def test_another_engine_tells_the_rates_of_roll_pitch_and_yaw():
 @PYBULLET
 @pytest.mark.slow
 def test_another_engine_walks_the_same_walks_with_our_masses_and_rotors():
-    body = robot_model.Body.as_model(ROBOT, 4)
+    body = robot_model.Variation.as_model(ROBOT, 4)
     poses = walked(bullet.BulletSim, body)
     close(poses, walked(robot_model.MujocoSim), "as in MuJoCo, nearly", atol=0.3)
     for change in {"friction": np.full(4, 0.05)}, {"delay": np.ones(4)}:

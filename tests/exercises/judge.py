@@ -332,4 +332,4 @@ def main():
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

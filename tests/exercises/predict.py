@@ -24,7 +24,7 @@ def sway(sim):
     engine, _ = walk_engine.walkers(sim, 1)
     for _ in range(2):  # the second double step; the first one starts from standing
         plan = engine.plan([walk_engine.WALKS["forward"]], [0])
-    joints = robot_model.body_inverse(engine.robot, plan.trunk[0], plan.feet[0])
+    joints = robot_model.joints_for_feet(engine.robot, plan.trunk[0], plan.feet[0])
     mass = robot_model.centre_of_mass(engine.robot, plan.trunk[0], joints)  # [T + 1, 3]
     share = mass[:, 1].max() / (engine.parameters.foot_distance / 2)
     print(f"in the plan the centre of mass sways {share:.2f} of the distance to the support foot")
@@ -76,7 +76,7 @@ def reflex(sim):
         def disturb(k, disturbance, robots):
             noise = rng.normal(0, task.imu_rad_s, (count, disturbance.imu.shape[1], 2))
             disturbance.imu[..., 2:] = noise[robots]
-            last = 2 * parameters.half_ticks - walk_engine.PUSH_TICKS  # a push can begin here
+            last = 2 * parameters.step_ticks - walk_engine.PUSH_TICKS  # a push can begin here
             first = rng.integers(last + 1, size=count)
             push = robot_model.turned([force, 0], rng.uniform(0, 2 * np.pi, count))  # [count, 2]
             for row, i in enumerate(robots):
@@ -108,4 +108,4 @@ def main():
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

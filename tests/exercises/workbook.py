@@ -29,7 +29,7 @@ ROWS = (
     ("wrap", ROBOT, ("wrap",), 1, 10, ("test_01_robot_model", "wrap_")),
     ("compose", ROBOT, ("compose", "relative"), 1, 20, ("test_01_robot_model", "compose_")),
     ("fallen", ROBOT, ("fallen",), 1, 15, ("test_01_robot_model", "fall_means")),
-    ("body_frames", ROBOT, ("body_frames",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
+    ("link_frames", ROBOT, ("link_frames",), 2, 45, ("test_01_robot_model", "forward_kinematics")),
     ("leg_inverse", ROBOT, ("leg_inverse",), 3, 120, ("test_01_robot_model", "leg_inverse", "inverse_")),
     ("reflex", ENGINE, ("reflex",), 2, 40, ("test_02_walk_engine", "reflex_")),
     ("capture", ENGINE, ("capture_step", "waiting_pace"), 2, 40,

@@ -81,11 +81,11 @@ def test_an_impossible_body_ends_no_python(sim):
 def test_what_a_stage_cannot_help_is_one_line(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["folder/stage.py"])
     with pytest.raises(SystemExit, match="2"):
-        robot_model.start(mock.Mock(side_effect=KeyboardInterrupt))
+        robot_model.run_script(mock.Mock(side_effect=KeyboardInterrupt))
     assert capsys.readouterr().err == "\nstage.py: interrupted\n"
     # It is an OSError and a ValueError: an error of somebody's code keeps its traceback.
     with pytest.raises(io.UnsupportedOperation):
-        robot_model.start(mock.Mock(side_effect=io.UnsupportedOperation))
+        robot_model.run_script(mock.Mock(side_effect=io.UnsupportedOperation))
 
 
 def test_any_console_is_enough(monkeypatch):
@@ -95,7 +95,7 @@ def test_any_console_is_enough(monkeypatch):
     for console in io.TextIOWrapper(pipe, "ascii"), io.StringIO():
         monkeypatch.setattr(sys, "stdout", console)
         monkeypatch.setattr(sys, "stderr", console)
-        robot_model.start(lambda: print("α ± μ", tqdm([1]), flush=True))
+        robot_model.run_script(lambda: print("α ± μ", tqdm([1]), flush=True))
     assert b"? ? ?" in pipe.getvalue() and "α ± μ" in console.getvalue()
 
 
@@ -138,7 +138,7 @@ def test_a_stage_leaves_the_settings_of_a_notebook_alone():
     seen = []
     with matplotlib.rc_context({"figure.dpi": 77}):
         before = dict(matplotlib.rcParams)
-        robot_model.start(lambda: seen.append(matplotlib.rcParams["axes.grid"]))
+        robot_model.run_script(lambda: seen.append(matplotlib.rcParams["axes.grid"]))
         assert seen == [True] and dict(matplotlib.rcParams) == before
 
 

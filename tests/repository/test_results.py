@@ -143,7 +143,7 @@ def test_lines_of_the_shipped_trials_can_be_repeated(sim, noise, far):
 )
 def test_every_shipped_policy_fits_and_its_page_is_right(path, capsys):
     sim, *folders, _ = path.relative_to(RESULTS).parts
-    evaluate.load_policy(path, common.world(sim, num_robots=1))
+    evaluate.policy_planner(path, common.world(sim, num_robots=1))
     assert "note" not in capsys.readouterr().out, "it was trained in another world than this one"
     if not folders:
         (used,) = shipped(sim, "evaluation.json")["policy"]

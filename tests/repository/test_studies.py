@@ -281,7 +281,7 @@ def test_a_player_gets_the_world_and_the_planner_of_the_command_line(tmp_path, m
     (world, name, planner, push), _ = window.call_args
     assert name == "mine" and type(planner).__name__ == "Planner"
     world.reset([0])
-    equal(world.simulator.body.friction, 0.65, "the same floor as stage 5")
+    equal(world.simulator.variation.friction, 0.65, "the same floor as stage 5")
     assert (world.sim, world.noise) == ("mujoco", True)
     close(push, [0.3, 0], "by hand")
     assert world.push == 0, "and not by chance"
@@ -347,13 +347,13 @@ def test_blocks_are_as_high_as_drawn_and_flat_where_the_robots_stand():
 def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
     """A robot that follows its plan, but 4 mm too high and drifting 1 mm ahead per tick."""
     p = walk_engine.TUNED["mujoco"]
-    p = replace(p, half_ticks=30, double_support=1 / 3, foot_rise=0.04)  # 20 of 30 ticks swing
+    p = replace(p, step_ticks=30, double_support=1 / 3, foot_rise=0.04)  # 20 of 30 ticks swing
     engine = walk_engine.WalkEngine(1, p)
     plan = engine.plan([[[0.08, 0, 0], [0.08, 0, 0]]], [0])
     torso = plan.trunk[:, 1:].copy()
     torso[..., 0] += 0.001 * np.arange(torso.shape[1])
     torso[..., 2] += 0.004
-    joints = robot_model.body_inverse(ROBOT, plan.trunk, plan.feet)[:, 1:]
+    joints = robot_model.joints_for_feet(ROBOT, plan.trunk, plan.feet)[:, 1:]
     motion = robot_model.Motion(torso, joints, np.array([False]), [60])
     clearance, slip = walk.clearance_and_slip(engine, motion)
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
@@ -415,7 +415,7 @@ def test_a_search_of_the_walk_draws_walks_and_begins_with_the_one_in_use(monkeyp
     taken = [row["steps"] for row in curve]
     assert taken == [72, 144], "it ends when so many double steps are taken: 12 candidates, 6 each"
     assert curve[0]["falls"] == 12 and curve[0]["restart"] == 0
-    ticks = {parameters.half_ticks for parameters in (*seen, found)}
+    ticks = {parameters.step_ticks for parameters in (*seen, found)}
     assert len(ticks) > 1 and ticks <= {27, 28, 29, 30, 31}, f"the range of SEARCH: {ticks}"
     assert type(found.trunk_swing) is float, "a line for TUNED shows plain numbers"
     close(walk.sway(now, ROBOT), 0.24, "that of predict.md", atol=0.005)
@@ -538,9 +538,7 @@ def test_learners_that_lack_a_part(monkeypatch):
     close(shape.policy(obs).base_dist.concentration0.detach(), 1 + 0.7 * 8, atol=0.1)
     told = []
     monkeypatch.setattr(ppo, "improve", lambda model, optimizer, data, cfg: told.append(data))
-    monkeypatch.setattr(
-        ppo, "advantages_and_targets", lambda model, data, cfg: (data["terminated"].clone(), 0)
-    )
+    monkeypatch.setattr(ppo, "judge", lambda model, data, cfg: (data["terminated"].clone(), 0))
     ends = {"terminated": torch.tensor([True, False, False])}
     ladder.cut_off_is_end(
         None, None, ends | {"truncated": torch.tensor([False, True, False])}, None

@@ -210,7 +210,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     )
     (folder / "04_ppo.py").write_text("def gae(:\n", "utf-8")
     (folder / "beta.py").write_text("import sys\nsys.exit()\n", "utf-8")
-    chosen = "wrap or compose or fallen or body_frames or quintic or beta_mode or gae"
+    chosen = "wrap or compose or fallen or link_frames or quintic or beta_mode or gae"
     done = grade("alice smith", "-k", chosen, cwd=tmp_path)
     words = last_words(done)
     assert done.returncode == 1 and "grading" in done.stdout and "01_robot_model.py" in done.stdout
@@ -219,7 +219,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
         r"compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
         r"  Hints: tests/exercises/README.md, exercise \"compose\"\n",
         r"fallen ★: 0 of \d tests pass\n",  # who skips gets no stars
-        r"body_frames ★★: solved",
+        r"link_frames ★★: solved",
         r"quintic ★★: not handed in, there is no 02_walk_engine.py\n",
         r"gae ★★: 0 of \d tests pass\n  - 04_ppo.py, line 1: SyntaxError: invalid syntax\n",
         r"beta_mode ★: 0 of \d tests pass\n  - ends Python",
@@ -268,7 +268,7 @@ def test_what_never_ends_or_ends_python_fails_and_the_others_keep_their_grades(t
     bodies = {
         "compose": ("import time\ntime.sleep(1e6)", late),
         "fallen": ("while True:\n    pass", late),
-        "body_frames": ("return sum(range(10**13))", late),
+        "link_frames": ("return sum(range(10**13))", late),
         "reflex": ("while True:\n    try:\n        pass\n    except:\n        pass", late),
         "quintic": ("import os\nos._exit(0)", ends),
         "clipped_objective": ("raise KeyboardInterrupt", ends),

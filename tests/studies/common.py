@@ -82,7 +82,7 @@ def main(name, argv=None):
 
 def start(name):
     """What a study does as a script."""
-    robot_model.start(lambda: main(name))
+    robot_model.run_script(lambda: main(name))
 
 
 def publish(study, part, args):
@@ -239,7 +239,7 @@ def opponents(sim):
 
 def policy(path, sim):
     """The planner of a policy file."""
-    return evaluate.load_policy(path, world(sim, num_robots=1))
+    return evaluate.policy_planner(path, world(sim, num_robots=1))
 
 
 def shipped(sim):
@@ -503,4 +503,4 @@ def main_pages():
 
 
 if __name__ == "__main__":
-    robot_model.start(main_pages)
+    robot_model.run_script(main_pages)

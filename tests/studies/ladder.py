@@ -96,7 +96,7 @@ def learn(sim, name, seed, model=ppo.ActorCritic, config=ppo.PPOConfig(), **worl
 def kept(path, measure, *args, **settings):
     """What measure returns, plain values; the file keeps it, for when the study is started again."""
     if not path.is_file():
-        robot_model.write_text(path, json.dumps(ppo.plain(measure(*args, **settings))))
+        robot_model.write_text(path, json.dumps(ppo.as_json(measure(*args, **settings))))
     return common.read_json(path)
 
 
@@ -173,7 +173,7 @@ def study_rungs(args):
 def cut_off_is_end(model, optimizer, data, cfg):
     """`improve` of a learner that takes the end of the time for a fall."""
     data["terminated"] = data["terminated"] | data["truncated"]
-    data["advantage"], data["target"] = ppo.advantages_and_targets(model, data, cfg)
+    data["advantage"], data["target"] = ppo.judge(model, data, cfg)
     return ppo.improve(model, optimizer, data, cfg)
 
 

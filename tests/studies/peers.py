@@ -135,7 +135,7 @@ def study_training(args):
         for far in common.STD:
             ended = common.walks(planner, common.world(args.sim), far, first=140)
             rows.append(common.row_of(ended, name, far))
-    return {"rows": rows, "log": ppo.plain(log)}
+    return {"rows": rows, "log": ppo.as_json(log)}
 
 
 PARTS = {"training": study_training}

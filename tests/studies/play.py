@@ -128,4 +128,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

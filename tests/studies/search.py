@@ -46,7 +46,7 @@ def displacements(sim, steps):
     spread: the third to sixth of six double steps in a row.
     """
     plans = np.repeat(steps[:, None], 6, 1)  # [A, 6, 2, 3]
-    body = robot_model.Body.as_model(robot_model.RobotModel(), len(plans))
+    body = robot_model.Variation.as_model(robot_model.RobotModel(), len(plans))
     body.delay += env.Spread().delay / 2
     poses, _, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans, body)
     return robot_model.relative(poses[:, 2:-1], poses[:, 3:]).mean(1), fall == 6
@@ -149,7 +149,7 @@ def read_map(limits):
     for path in common.RESULTS.glob("*/search.npz"):
         with np.load(path) as file:
             about = json.loads(str(file["about"]))
-            if about["step limit"] == ppo.plain(limits):
+            if about["step limit"] == ppo.as_json(limits):
                 # Its numbers are differences along x, in twentieths of a double step: they
                 # compress well.
                 value = np.cumsum(file["parts"], axis=2, dtype=np.float32) / 20
@@ -163,7 +163,7 @@ def read_map(limits):
 def write_map(path, sim, factor, known):
     """Writes the file for `read_map`."""
     steps, moves, value, change = known
-    about = {"step limit": ppo.plain(env.LIMITS[sim]), "factor": factor, "change": change}
+    about = {"step limit": ppo.as_json(env.LIMITS[sim]), "factor": factor, "change": change}
     parts = np.diff(np.round(20 * value), axis=2, prepend=0).astype(np.int16)
     robot_model.atomic_write(
         path,

@@ -80,7 +80,7 @@ def highest_speed(poses, fall, period):
 
 def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
-    points, turns = robot_model.body_frames(robot, torso, joints)
+    points, turns = robot_model.link_frames(robot, torso, joints)
     ankle, up = points[..., [4, 8], :], turns[..., [4, 8], 2, :]  # up: third row of a foot's R
     ends = -robot.foot_back, robot.foot_front
     sides = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width
@@ -98,15 +98,15 @@ def clearance_and_slip(engine, motion):
     """
     up = ~motion.fell
     ankle, low = soles(engine.robot, motion.torso[up], motion.joints[up])  # [n, T, 2, 3], [n, T, 2]
-    half_ticks = engine.parameters.half_ticks
-    # A single step of half_ticks ticks: first nobody swings, then one foot does.
-    #     tick   0 · · · wait · · · · · · · half_ticks      (the right foot: half_ticks later)
+    step_ticks = engine.parameters.step_ticks
+    # A single step of step_ticks ticks: first nobody swings, then one foot does.
+    #     tick   0 · · · wait · · · · · · · step_ticks      (the right foot: step_ticks later)
     #            |  both  |     swing      |
-    wait = round(engine.parameters.double_support * half_ticks)
-    swing = half_ticks - wait
+    wait = round(engine.parameters.double_support * step_ticks)
+    swing = step_ticks - wait
     middle = slice(round(0.3 * swing) - 1, round(0.7 * swing))
     clearance, slip = [], []
-    for foot, lift_off in ((robot_model.LEFT, wait), (robot_model.RIGHT, half_ticks + wait)):
+    for foot, lift_off in ((robot_model.LEFT, wait), (robot_model.RIGHT, step_ticks + wait)):
         # A motion has no state before its first tick: index i is what tick i + 1 left behind.
         ticks = slice(lift_off, lift_off + swing)  # after the first tick of the swing to the last
         clearance.append(low[:, ticks, foot][:, middle].min(1))
@@ -202,7 +202,7 @@ def in_words(measured):
 
 
 SEARCH = {  # tuned parameters and their ranges, of our robot; our choice
-    "half_ticks": (27, 31.4),
+    "step_ticks": (27, 31.4),
     "foot_distance": (0.15, 0.19),
     "double_support": (0.0, 0.3),
     "foot_rise": (0.02, 0.06),
@@ -227,7 +227,7 @@ LENGTHS = "foot_distance", "foot_rise", "trunk_height", "trunk_x_offset"
 
 def sway(parameters, robot):
     """By which share of the way to the support foot a pendulum sways: *sway* of predict.md."""
-    step = parameters.half_ticks * robot.control_dt  # [s] P/2
+    step = parameters.step_ticks * robot.control_dt  # [s] P/2
     omega = (robot.gravity / parameters.trunk_height) ** 0.5  # [1/s]
     return 1 - 1 / np.cosh(omega * step / 2)
 
@@ -263,7 +263,7 @@ def tune(world, seed):
 
     def changed(x):
         found = dict(zip(names, x.round(4).tolist()))
-        new = replace(start, **found | {"half_ticks": round(found["half_ticks"])})
+        new = replace(start, **found | {"step_ticks": round(found["step_ticks"])})
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
         return replace(new, trunk_swing=round(float(share), 4))
 
@@ -428,4 +428,4 @@ def main(argv=None):
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

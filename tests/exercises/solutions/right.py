@@ -37,7 +37,7 @@ def fallen(torso, standing_height):
     return np.logical_or(torso[..., 2] < standing_height / 2, np.degrees(tilt) > 45)
 
 
-def body_frames(robot, torso, joints):
+def link_frames(robot, torso, joints):
     """Robot by robot, by homogeneous matrices."""
 
     def frame(x, y, z, roll=0, pitch=0, yaw=0):
@@ -170,7 +170,7 @@ def _swing(self, start, landing):
     """Axis by axis."""
     wait = self.parameters.double_support * self.step_time
     T = self.step_time - wait
-    t = np.linspace(0, self.step_time, self.parameters.half_ticks + 1) - wait
+    t = np.linspace(0, self.step_time, self.parameters.step_ticks + 1) - wait
     t = np.minimum(np.maximum(t, 0), T)
     foot = np.empty((start.shape[0], t.size, 4))
     for axis, column in enumerate((0, 1, 3)):

@@ -76,7 +76,7 @@ def fallen(torso, standing_height):
 @wrong("R turned round", "the torso: its rotation is wrong (it is transposed)")
 @wrong("roll before yaw", "the left hip: its rotation")
 @wrong("hip_x is forgotten", "the left thigh: its origin")
-def body_frames(robot, torso, joints):
+def link_frames(robot, torso, joints):
     origins, turns = [torso[..., :3]], [rotation(*np.moveaxis(torso[..., 3:], -1, 0))]
     if mistake == "R turned round":
         turns = [turns[0].mT]
@@ -122,9 +122,9 @@ def reflex(error, swings, p):
 @right("tick by tick")
 @wrong("moves by a cubic", "without acceleration")
 def _swing(self, start, landing):
-    p, foot = self.parameters, np.zeros((len(start), self.parameters.half_ticks + 1, 4))
-    for k in range(p.half_ticks + 1):
-        tau = max(0, k / p.half_ticks - p.double_support) / (1 - p.double_support)
+    p, foot = self.parameters, np.zeros((len(start), self.parameters.step_ticks + 1, 4))
+    for k in range(p.step_ticks + 1):
+        tau = max(0, k / p.step_ticks - p.double_support) / (1 - p.double_support)
         share = tau**3 * (10 - 15 * tau + 6 * tau**2)
         if mistake == "moves by a cubic":
             share = 3 * tau**2 - 2 * tau**3
@@ -332,7 +332,7 @@ def improve(model, optimizer, data, cfg):
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
     for _ in range(cfg.epochs):
         if mistake == "judges in every epoch":
-            judged = advantages_and_targets(model, data, cfg)
+            judged = judge(model, data, cfg)
             advantages, targets = (values.flatten() for values in judged)
             old_log_prob = model.policy(obs).log_prob(action).detach()
         order = torch.randperm(len(obs))

@@ -51,4 +51,4 @@ def main():
 
 
 if __name__ == "__main__":
-    robot_model.start(main)
+    robot_model.run_script(main)

@@ -46,9 +46,9 @@ ROBOT = robot_model.RobotModel(
 # We began with our walk of stage 2, scaled to legs of 0.65 times the length (lengths · 0.65, time ·
 # √0.65), and with lower and narrower steps, because the rotors are heavy for so small a robot. Then
 # walk.py searched twice, each time with 65 candidates of 64 plans, the second time from the first
-# result on, in a few minutes each (half_ticks stayed).
+# result on, in a few minutes each (step_ticks stayed).
 WALK = walk_engine.WalkParameters(
-    half_ticks=26,
+    step_ticks=26,
     double_support=0.0363,
     foot_distance=0.099,
     foot_rise=0.014,
