@@ -532,7 +532,7 @@ def write_trials(path, blocks, results):
     robot_model.write_text(path, text.getvalue())
 
 
-def load_policy(path, world):
+def policy_planner(path, world):
     """The planner of a policy.pt. Prints what differs from its training. Raises an InputError if it
     cannot work in this world."""
     model, about = ppo.load_policy(path)
@@ -570,7 +570,7 @@ def choose_planners(world, policies, files=()):
         if name in chosen | baselines:
             name = path.as_posix()
         print(f"{name}: {path}")
-        chosen[name] = load_planner(path) if path in files else load_policy(path, world)
+        chosen[name] = load_planner(path) if path in files else policy_planner(path, world)
         if path in files[:1]:  # the first one
             shown = name
     return chosen | baselines, shown

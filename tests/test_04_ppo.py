@@ -732,7 +732,7 @@ def test_a_task_that_cannot_be_learned_here_is_refused_in_one_line(envs, said):
 def test_stage_5_can_evaluate_a_training_that_still_runs_and_knows_in_what():
     stopped(2, partial(env.FootstepVectorEnv, task=env.Task(s_c=0.2)), noise=False)
     path, world = HERE / "checkpoint.pt", env.FootstepWorld(2)
-    planner = import_module("05_evaluate").load_policy(path, world)
+    planner = import_module("05_evaluate").policy_planner(path, world)
     world.reset([0, 1])
     assert planner.act(world.view([0, 1])).shape == (2, 6)
     _, about = ppo.load_policy(path)
