@@ -83,8 +83,7 @@ class Trials:
 
 def draw_trials(seed, count, far=False, purpose="evaluation"):
     """The trials 0, 1, …; a far trial is the near one of its number with the goal twice as far."""
-    goals = env.draw_goals(env.stream(purpose, seed), count, far=far)
-    return Trials(goals, seed, purpose)
+    return Trials(env.draw_goals(env.stream(purpose, seed), count, far=far), seed, purpose)
 
 
 def evaluate(planner, world, trials, watch=None):
@@ -426,10 +425,11 @@ def compare(results):
 def summary(planner, noise, std, walks):
     """One row of the table; std: σ of the goals' x and y [m]. nan: there was nothing to measure."""
     outcome = walks["outcome"]
-    row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": len(outcome)}
+    total = len(outcome)
+    row = {"planner": planner, "noise": noise, "goal_std_m": std, "episodes": total}
     for name in OUTCOMES:
         count = np.sum(outcome == name)
-        row |= {name: count / len(outcome), f"{name}_ci95": wilson(count, len(outcome))}
+        row |= {name: count / total, f"{name}_ci95": wilson(count, total)}
     reached = outcome == "success"
     times, still = walks["time"][reached], walks["still_there"][reached]
     if not reached.any():

@@ -199,7 +199,7 @@ def test_a_picture_shows_the_chosen_footsteps_and_the_push_before_they_are_done(
     world.reset([0], [default_rng(3)])
     world.simulator.run = run = mock.Mock(wraps=world.simulator.run)
     for _ in range(3):
-        pictures = play.pictures(axes, world, planner, feet, push, "", (-1, 1, -1, 1))
+        pictures = play.pictures(axes, world, planner, feet, push, "")
         yaw = next(pictures)["motion"].torso[0, 0, 5]
         (arrow,) = axes.texts
         for _ in pictures:

@@ -41,7 +41,7 @@ def draw_scene(axes, world, feet, torso, joints, chosen):
     return camera
 
 
-def pictures(axes, world, planner, feet, push, name, window):
+def pictures(axes, world, planner, feet, push, name):
     """Lets the first robot do a double step, and draws it. Yields the result of `double_step` after
     every picture, one for eight ticks. Yellow: the footsteps that were chosen, from where the right
     foot stood. feet: a list of earlier ones [2, 3]; those at the beginning are added. push [2]: see
@@ -60,16 +60,14 @@ def pictures(axes, world, planner, feet, push, name, window):
         camera = draw_scene(axes, world, feet[-20:], now, joints[tick], chosen)
         if any(push):  # it lasts for 5 ticks, which nobody would see
             torso_at = camera[1:] @ now[:3]
-            arrow = camera[1:] @ [
-                *robot_model.turned(push, now[5] * engine.planar),
-                0,
-            ]  # 1 m: 1 m/s
+            x, y = robot_model.turned(push, now[5] * engine.planar)  # drawn as 1 m for 1 m/s
+            arrow = camera[1:] @ [x, y, 0]
             text = f"push: {math.hypot(*push):.1f} m/s"
             style = {"color": "tab:red"}
             axes.annotate(text, torso_at, torso_at - arrow, arrowprops=style, **style)
         seconds = (began + tick) * engine.robot.control_dt
         axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
-        axes.axis(window)
+        axes.axis((-1.7, 1.7, -1, 1.6))
         yield result
 
 
@@ -114,7 +112,7 @@ def play(world, name, planner, push):
             feet.clear()
         pushed = push if " " in keys else (0, 0)
         keys.clear()
-        for result in pictures(axes, world, planner, feet, pushed, name, (-1.7, 1.7, -1, 1.6)):
+        for result in pictures(axes, world, planner, feet, pushed, name):
             plt.pause(0.04)  # half of the 0.08 s of eight ticks; to draw takes about the other half
             fell = result["fall"][0]
 
