@@ -14,9 +14,9 @@ is the planar robot.
 
 101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. What
 is the smallest lean with which one falls? `runs/<sim>/01_robot.png` shows this robot. Predict the
-lean, as `tests/exercises/predict.md`, *lean*, shows. The robot has a mass of 6.1 kg, and while it
-stands its centre of mass is h = 0.38 m above the floor. So, as a pendulum on its head, it tips over
-with ω = √(g/h) = 5.1/s: a small lean grows e-fold in 0.2 s.
+lean, as `tests/exercises/predict.md`, *lean*, shows. How fast does a robot tip over? It has a mass
+of 6.1 kg, and its centre of mass is h = 0.38 m above the floor. Were all mass there, a small lean
+would grow e-fold in 1/ω = 0.2 s, ω = √(g/h) = 5.1/s.
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
 (from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
@@ -124,7 +124,7 @@ class RobotModel:
     foot: Link = Link(0.595, (-0.001, 0.004, -0.006), (0.0012, 0.0016, 0.0016))  # and ankle motors
     hip_y: float = 0.055  # [m] hip beside the torso frame
     hip_z: float = -0.041  # [m] height of the hips in the torso frame
-    hip_x: float = 0.0231  # [m] hip pitch axis ahead of the axes of hip yaw and roll
+    hip_x: float = 0.0231  # [m] hip pitch axis ahead of where the axes of hip yaw and roll cross
     thigh_length: float = 0.169  # [m] hip axis to knee axis
     shin_length: float = 0.170  # [m] knee axis to ankle axis
     ankle_height: float = 0.053  # [m] ankle axis above the sole
@@ -135,7 +135,7 @@ class RobotModel:
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
     # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
-    # [rad] The knee's are rounded. For both rolls it is the range that both legs have.
+    # [rad] The knee's are rounded. Those of the rolls are common to both legs.
     joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
     joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)
     # [N m s/rad] back-EMF: a turning motor is a generator, too, and brakes itself. So in MuJoCo it
@@ -147,9 +147,8 @@ class RobotModel:
     # The world.
     friction: float = 0.7  # [-] foot on ground, μ; the robot's team simulates with 0.5
     gravity: float = 9.81  # [m/s²]
-    # [m] A standing robot begins this deep inside the floor. At exactly 0 the last bit of a cosine
-    # would decide which corners of the soles touch, and the same walk would end elsewhere on
-    # another processor. Our choice: far above rounding (1e-17), far below what a walk notices.
+    # [m] A standing robot begins this deep inside the floor, else rounding (1e-17) would decide
+    # which corners touch, and the same walk would end elsewhere on another processor; our choice
     sink: float = 1e-9
     control_dt: float = 0.010  # [s] a control tick: a new joint target; our choice
     substeps: int = 2  # [-] physics steps in a control tick, in both simulators; our choice
@@ -259,7 +258,7 @@ def centre_of_mass(robot, torso, joints):
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ kinematics
 def rotation(roll, pitch, yaw):
-    """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays of one shape [...] in, [..., 3, 3] out."""
+    """Rz(yaw)·Ry(pitch)·Rx(roll): numbers or arrays that broadcast to [...] in, [..., 3, 3] out."""
     angles = np.array(np.broadcast_arrays(roll, pitch, yaw))  # [3, ...]
     cr, cp, cy = np.cos(angles)
     sr, sp, sy = np.sin(angles)
@@ -306,8 +305,8 @@ def leg_inverse(robot, position, foot_turn):
     position [..., 3]: the ankle seen from the hip [m]; foot_turn [..., 3, 3]: the foot's rotation;
     both along the torso's axes. An ankle out of reach is moved along r, see below, only as far as
     needed. The angles are clipped to the joint limits. A foot should be below its hip, and tilt by
-    less than about a radian. To check yours: in 2-D a leg of `stance` has the angles
-    0, 0, −0.526, 0.975, −0.549, 0.
+    less than about a radian. To check yours: position (0.0341, 0, −0.2993) and foot_turn Ry(−0.1)
+    give 0, 0, −0.526, 0.975, −0.549, 0.
 
     hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
            :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
@@ -315,9 +314,10 @@ def leg_inverse(robot, position, foot_turn):
            :/            of it. The hip (+), where the axes of yaw and roll cross, is hip_x behind
            o__ ankle     the axis of hip pitch, in this plane, too.
 
-    1. Only the ankle's roll tilts this plane against the foot. So undo it first: it is the angle
-       that brings the hip, seen in the foot's frame, into the plane of x and z.
-    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches.
+    1. Only the ankle's roll tilts this plane against the foot. So undo it first: seen from the foot,
+       a turn by +ankle roll about x brings the hip into the plane of x and z.
+    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches. Now
+       we know the hip's x axis, and so r: from the ankle to the hip, and hip_x along this axis.
     3. The length of r gives the knee (law of cosines).
     4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
        the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.
@@ -329,6 +329,7 @@ def leg_inverse(robot, position, foot_turn):
     # Before the ankle rolls, the hip is at (x, 0, h). When the foot turns by +roll, the hip turns
     # by −roll as seen from it: Rx(−roll)·(x, 0, h) = (x, h·sin roll, h·cos roll) with h > 0.
     ankle_roll = np.arctan2(from_ankle[..., 1], from_ankle[..., 2])
+    # The foot's rotation without the ankle's roll:
     # M = R·Rx(−ankle roll) = Rz(hip yaw)·Rx(hip roll)·Ry(s),  s = hip pitch + knee + ankle pitch
     #     |       ·          −sin yaw·cos roll         ·       |
     #   = |       ·           cos yaw·cos roll         ·       |
@@ -338,8 +339,7 @@ def leg_inverse(robot, position, foot_turn):
     yaw = np.arctan2(-M[..., 0, 1], M[..., 1, 1])
     roll = np.arcsin(np.clip(M[..., 2, 1], -1, 1))
     pitch_sum = np.arctan2(-M[..., 2, 0], M[..., 2, 2])  # s
-    # The axis of hip pitch is hip_x ahead of the hip, along the hip's x axis. Seen from the foot
-    # this x axis is the first column of Rx(−ankle roll)·Ry(−s).
+    # Seen from the foot the hip's x axis is the first column of Rx(−ankle roll)·Ry(−s).
     ahead = (roll_back @ rotation(0, -pitch_sum, 0))[..., 0]  # [..., 3]
     rx, ry, rz = np.moveaxis(from_ankle + robot.hip_x * ahead, -1, 0)  # r
     # Law of cosines: |r|² = thigh² + shin² + 2·thigh·shin·cos(knee). (Plus, because the triangle's
@@ -367,7 +367,7 @@ def joints_for_feet(robot, trunk, feet, planar=False):
         trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
     roll, pitch, yaw = np.moveaxis(trunk[..., 3:], -1, 0)  # [..., 1 or 2] each
     base = rotation(roll, pitch, yaw)  # R, [..., 1 or 2, 3, 3]
-    # Seen from the trunk:  p ← Rᵀ·(p − trunk),  foot's rotation ← Rᵀ·Rz(yaw)
+    # Seen from the trunk:  p ← Rᵀ·(p − trunk),  foot's rotation ← Rᵀ·Rz(foot's yaw)
     ankle = feet[..., :3] - trunk[..., :3] + [0, 0, robot.ankle_height]  # [..., 2, 3]
     ankle = np.matvec(base.mT, ankle)
     foot_yaw = feet[..., 3]
@@ -389,7 +389,7 @@ class Variation:
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
     stiffness: np.ndarray  # [n, 12] factors on the position gain of the motors
     stiction: np.ndarray  # [n, 12] factors on the dry friction of the motors
-    delay: np.ndarray  # [n] from target to motor, see `Simulator.run`; 0: none, 1: a tick
+    delay: np.ndarray  # [n] [ticks] from target to motor; from 0 to 1: a mixture of old and new
     zero: np.ndarray  # [n, 12] [rad] where a joint is when its sensor says 0
     com: np.ndarray  # [n, 3] [m] how far the torso's centre of mass is from that of the model
     gyro: np.ndarray  # [n, 2] [rad/s] constant error of the measured rates of roll and pitch
@@ -437,7 +437,7 @@ class Simulator:
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
     that adds
 
-        place(i)           robot i stands at the origin, with its `body`
+        place(i)           robot i stands at the origin, with its `variation`
         advance(robots, targets, push, move)
                            simulates a control tick and returns the states after it [n, 21]
 
@@ -487,15 +487,12 @@ class Simulator:
             walking = robots[rows]
             imu = self.imu(walking) + disturbance.imu[rows, tick]
             target, move = plan.go_on(rows, tick, imu)  # [k, 12], [k, 3]
-            # sent = target + delay·(last target − target): 0 no delay, 1 a tick. (A delay between
-            # 0 and 1 is a mixture, and no true delay.)
-            sent = target + self.variation.delay[walking, None] * (
-                self.last_target[walking] - target
-            )
+            # sent = target + delay·(last target − target)
+            delay = self.variation.delay[walking, None]
+            sent = target + delay * (self.last_target[walking] - target)
             # At the beginning and at the end of the tick  [k, 2, 12]
-            targets = (
-                np.stack([self.last_sent[walking], sent], 1) + self.variation.zero[walking, None]
-            )
+            targets = np.stack([self.last_sent[walking], sent], 1)
+            targets += self.variation.zero[walking, None]
             self.last_target[walking], self.last_sent[walking] = target, sent
             state = self.advance(walking, targets, disturbance.push[rows, tick], move)
             finite = (np.abs(state) < 1e6).all(1)  # else the physics diverged: a fall, too

@@ -6,7 +6,7 @@
 We use the walk engine of the paper, [5]. The swing foot and the trunk move along quintic splines:
 polynomials of degree 5, joined so that neither speed nor acceleration jumps, since the motors'
 torques would jump with it. Inverse kinematics turns the poses of feet and trunk into joint angles.
-An optimisation has found the parameters.
+An optimisation has found most of the parameters.
 
 We add three answers to what the IMU measures, see `WalkPlan`; of these the paper mentions only the
 last, as future work. A reflex moves the ankles. A capture step moves the landing of a foot to where
@@ -21,14 +21,13 @@ its usual place beside the support foot. y and yaw are positive outward.
     (0, 0, 0)      (0, 0, 0)      steps on the spot
     (0, 0.06, 0)   (0, 0, 0)      moves 0.06 m to the left
     (0.08, 0, 0)   (0.08, 0, 0)   moves 0.16 m ahead: each foot lands 0.08 m ahead of the other one
-                                  (the first time 0.12 m, since the feet start side by side)
 
 The stage prints, for four walks of eight double steps, where the robot was commanded to end and
 where it ended. The planar robot misses this by up to 1.4 cm, the robot in 3-D by up to 0.14 m and
 0.17 rad, and a planner has to correct this. `runs/<sim>/02_plan.png` shows the second double step
-of a walk. In 3-D all of the robot is 2 cm beside its plan, because the first one has drifted. The
-feet rise less than planned: motors are springs, which back-EMF and dry friction hold back, and the
-torso sinks by 5 mm.
+of a walk. In 3-D all of the robot is 2 cm beside its plan, because the first one has drifted, and
+the feet rise 6 to 8 mm less than planned: motors are springs, which back-EMF and dry friction hold
+back, and the torso sinks by up to 5 mm.
 
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
 walk three times: without any answer (in open loop), with the reflex, with capture steps, too
@@ -69,7 +68,7 @@ class WalkParameters:
     trunk_x_offset: float  # [m] trunk ahead of the middle of the feet
     trunk_swing: float = 0.0  # [-] sideways: share of the distance from middle to support foot
     trunk_roll: float = 0.0  # [rad] towards the support foot, in the middle of a single step; ours
-    # How a double step answers a push, see below; ours. With capture = wait = 0 the reflex is left.
+    # How a double step answers a push, see below; ours. capture = wait = 0: only the reflex is on
     reflex: float = 0.05  # [s] gain at the support ankle, see `reflex`
     capture: float = 0.0  # [-] share of the lean that the swing foot follows, see `capture_step`
     usual_lean: float = 0.04  # [rad] smaller leans are usual in a calm walk, and not answered
@@ -236,7 +235,7 @@ TUNED = {
         trunk_phase=0.0064,
         trunk_pitch=0.1098,
         trunk_x_offset=-0.001,
-        reflex=0.03,  # these motors follow at once: with 0.05 more pushed robots fall
+        reflex=0.03,  # [s] these motors follow at once; 0.05 is no better
     ),
     "mujoco": WalkParameters(
         step_ticks=30,
@@ -287,8 +286,9 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(lean, lean_over_support, swings, old, p):
-    r"""Returns what each leg answers to a lean, [n, 2, 3]: a shift of its landing to the left [m],
-    and by which roll and pitch [rad] it takes the trunk to lean more than planned.
+    r"""Returns what each leg answers to a lean, [n, 2, 3]: the roll and pitch e [rad] by which it takes
+    the trunk to lean more than planned (columns 1, 2), and a shift of its landing to the left [m]
+    (column 0). A swing foot approaches this answer, a standing foot's fades.
 
     lean [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: the roll's part of
     it, positive towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or
@@ -296,19 +296,20 @@ def capture_step(lean, lean_over_support, swings, old, p):
 
     Seen from behind, with the trunk T, the swing foot L and the support foot R:
 
-            as planned         leans, no answer        leans, with answer
+            as planned        leans to the left     and answers
 
-                T                  T                         T
-               / \                 | \                      /  \
-              /   \               |    \                   /     \
-             L     R              L     R               L        R
+               T                   T                     T
+              / \                  | \                  /  \
+             /   \                /   \                /    \
+            L     R               L     R             L       R
 
-    A push tilts the whole robot by `lean` about the support foot: the trunk, at the height h, moves
-    by h·lean. The legs turn with it, so L would land as far from R as planned. A leg that takes the
-    trunk to lean by e more puts its foot h·e farther to where the robot leans. (Its sole is tilted
-    by lean − e only.) e is `capture` times the lean beyond ± usual_lean. If the robot leans over
-    the support foot, this would bring the feet together, so there the landing is shifted back by
-    h·e. How fast the robot tilts is not answered."""
+    A push tilts the whole robot by `lean` about the support foot, so the trunk, at the height h, moves
+    by h·lean. The swing leg turns with it: without an answer L lands as far from R as planned. To
+    answer, the inverse kinematics is told that the trunk leans by e more than planned. To reach the
+    same place from such a trunk it turns the leg, and the real foot lands h·e farther in the
+    direction of the lean. e is `capture` times the lean beyond ± usual_lean. (How fast the robot
+    tilts is not answered.) If the robot leans to the other side, over R, such a landing would bring
+    the feet together. So there the sideways part is shifted back by h·e."""
     e = p.capture * (lean - np.clip(lean, -p.usual_lean, p.usual_lean))  # [n, 2]
     # A positive roll leans to the right, so h·e is a shift back to the left.
     back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]

@@ -100,7 +100,7 @@ def test_any_console_is_enough(monkeypatch):
 
 
 def test_who_stops_reading_gets_no_traceback():
-    code = "__import__('01_robot_model').start(lambda: [print(k) for k in range(10**5)])"
+    code = "__import__('01_robot_model').run_script(lambda: [print(k) for k in range(10**5)])"
     command = shlex.join([sys.executable, "-u", "-c", code]) + " | head -n 1"
     done = subprocess.run(command, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("0\n", "")

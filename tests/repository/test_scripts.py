@@ -247,7 +247,7 @@ def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, a
     monkeypatch.chdir(tmp_path)
     wrong = partial(main_of, script, monkeypatch, *arguments.split())
     with pytest.raises(SystemExit, match="2"):
-        import_module("01_robot_model").start(wrong)
+        import_module("01_robot_model").run_script(wrong)
     *usage, line = capfd.readouterr().err.strip().splitlines()
     wanted = f"{script}: .*{mention}"
     assert re.match(wanted, line), f"say who complains, and of which value: {line!r}"

@@ -41,7 +41,7 @@ def draw_scene(axes, world, feet, torso, joints, chosen):
     return camera
 
 
-def pictures(axes, world, planner, feet, push, name):
+def pictures(axes, world, planner, feet, push, name, window=(-1.7, 1.7, -1, 1.6)):
     """Lets the first robot do a double step, and draws it. Yields the result of `double_step` after
     every picture, one for eight ticks. Yellow: the footsteps that were chosen, from where the right
     foot stood. feet: a list of earlier ones [2, 3]; those at the beginning are added. push [2]: see
@@ -67,7 +67,7 @@ def pictures(axes, world, planner, feet, push, name):
             axes.annotate(text, torso_at, torso_at - arrow, arrowprops=style, **style)
         seconds = (began + tick) * engine.robot.control_dt
         axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
-        axes.axis((-1.7, 1.7, -1, 1.6))
+        axes.axis(window)
         yield result
 
 
