@@ -50,7 +50,7 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
     angles             [rad], positive by the right-hand rule: the thumb points along the axis
     roll, pitch, yaw   positive: the torso leans to the right, leans forward, turns to the left
     joints             of the left leg first, then of the right one, each in the table's order
-    trunk, torso       the same part: the trunk is where it is commanded to be, the torso where it is
+    trunk, torso       the same part: trunk where it is commanded to be, torso where it truly is
     tick               10 ms of control: every motor gets a new target
     [N, n, k, …]       shapes: N all robots; n some of them; k those whose double step is not done
     [T, K, S, …]       T ticks; K moments; S double steps
@@ -314,10 +314,10 @@ def leg_inverse(robot, position, foot_turn):
            :/            of it. The hip (+), where the axes of yaw and roll cross, is hip_x behind
            o__ ankle     the axis of hip pitch, in this plane, too.
 
-    1. Only the ankle's roll tilts this plane against the foot. So undo it first: seen from the foot,
-       a turn by +ankle roll about x brings the hip into the plane of x and z.
-    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches. Now
-       we know the hip's x axis, and so r: from the ankle to the hip, and hip_x along this axis.
+    1. Only the ankle's roll tilts this plane against the foot. So undo it first: seen from the
+       foot, a turn by +ankle roll about x brings the hip into the plane of x and z.
+    2. What is left of the foot's rotation gives hip yaw, hip roll, and the sum of three pitches.
+       Now we know the hip's x axis, and so r: from the ankle to the hip, and hip_x along this axis.
     3. The length of r gives the knee (law of cosines).
     4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
        the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.

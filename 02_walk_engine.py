@@ -286,9 +286,9 @@ def polynomial(c, t, order=0):
 
 # ------------------------------------------------------------------------ answers to a push
 def capture_step(lean, lean_over_support, swings, old, p):
-    r"""Returns what each leg answers to a lean, [n, 2, 3]: the roll and pitch e [rad] by which it takes
-    the trunk to lean more than planned (columns 1, 2), and a shift of its landing to the left [m]
-    (column 0). A swing foot approaches this answer, a standing foot's fades.
+    r"""Returns what each leg answers to a lean, [n, 2, 3]: the roll and pitch e [rad] by which it
+    takes the trunk to lean more than planned (columns 1, 2), and a shift of its landing to the left
+    [m] (column 0). A swing foot approaches this answer, a standing foot's fades.
 
     lean [n, 2]: measured − planned roll and pitch [rad]; lean_over_support [n]: the roll's part of
     it, positive towards the support foot [rad]; swings [n, 2] bool: which foot swings, left or
@@ -303,13 +303,13 @@ def capture_step(lean, lean_over_support, swings, old, p):
              /   \                /   \                /    \
             L     R               L     R             L       R
 
-    A push tilts the whole robot by `lean` about the support foot, so the trunk, at the height h, moves
-    by h·lean. The swing leg turns with it: without an answer L lands as far from R as planned. To
-    answer, the inverse kinematics is told that the trunk leans by e more than planned. To reach the
-    same place from such a trunk it turns the leg, and the real foot lands h·e farther in the
-    direction of the lean. e is `capture` times the lean beyond ± usual_lean. (How fast the robot
-    tilts is not answered.) If the robot leans to the other side, over R, such a landing would bring
-    the feet together. So there the sideways part is shifted back by h·e."""
+    A push tilts the whole robot by `lean` about the support foot, so the trunk, at the height h,
+    moves by h·lean. The swing leg turns with it: without an answer L lands as far from R as
+    planned. To answer, the inverse kinematics is told that the trunk leans by e more than planned.
+    To reach the same place from such a trunk it turns the leg, and the real foot lands h·e farther
+    in the direction of the lean. e is `capture` times the lean beyond ± usual_lean. (How fast the
+    robot tilts is not answered.) If the robot leans to the other side, over R, such a landing would
+    bring the feet together. So there the sideways part is shifted back by h·e."""
     e = p.capture * (lean - np.clip(lean, -p.usual_lean, p.usual_lean))  # [n, 2]
     # A positive roll leans to the right, so h·e is a shift back to the left.
     back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]

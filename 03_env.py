@@ -6,12 +6,12 @@ steps in a row end there; in the paper one is enough.
     python 03_env.py             a random planner, then a hand-written one, in 2-D; 10 seconds
     python 03_env.py --mujoco    the same in 3-D
 
-Both planners get the goals without noise. The stage prints what is observed, what an action is and
-how the episodes end. It writes `runs/<sim>/03_rewards.png`, whose right panel is about noisy goals.
-Predict, then look:
+Both planners get the goals without noise; the right panel of `runs/<sim>/03_rewards.png` is about
+noisy goals. Predict, then look:
 
-1. A table is printed of what each of the eight reward terms (`reward_terms`) pays the hand-written
-   planner. Which two have the largest positive sums, and which have negative sums?
+1. A table is printed of what each of the eight reward terms (`reward_terms`) pays a robot with the
+   hand-written planner in 60 double steps, about five episodes. Which two have the largest positive
+   sums, and which have negative sums?
 2. A measured x or y has an error with a standard deviation of 5 cm. Let the robot stand still, and
    each measurement have an error of its own. How large is the standard deviation of an estimate
    from one measurement, from five, from ten? How large is it while the robot walks?
@@ -23,8 +23,7 @@ Stage 4 must tell these two apart.
 
 `FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` gives it the interface of
 `gymnasium.vector.VectorEnv`, for PPO in stage 4. `FootstepEnv` ("03_env:Footsteps-v0") has one
-robot and the interface of `gymnasium.Env`. All settings are arguments of `FootstepWorld`, and the
-other two take them, too: `FootstepWorld(64, walk=…)` has another walk.
+robot and the interface of `gymnasium.Env`. All settings are arguments of all three.
 
 Our copy of the paper has lost its Table I and Fig. 2, with the formulas of the reward and the
 encoding of the observation. So these are our choice, and so is how widely goals and errors vary,
@@ -34,14 +33,13 @@ for it. An estimate of the goal combines all noisy measurements so far, in the s
 planner (`predict`, `correct`). Who knows what:
 
     policy, critic      the estimate of the goal, the last action: OBSERVATION
-    another planner     the same, the goal unclipped, the step limits and period: `View`
+    another planner     the same, the goal unclipped, step limits, period, neutral action: `View`
     estimate            noisy measurements of the goal, and the planned motion of a double step
-    robot's computer    the planned double step; tilt and turning rates of the torso, with errors
+    robot's computer    the planned double step; roll, pitch and their rates, with errors
     reward              the true pose, the goal, a fall, the time, actions, where the feet should be
     nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
 
-Read down to the line of equals signs. Below it are the estimate of the goal, what is random, the
-world that brings everything together, pictures, the interfaces of Gymnasium, the demonstration.
+Read down to the line of equals signs.
 """
 
 import runpy
@@ -116,9 +114,10 @@ LIMITS = {
 #     robot >- - - - - - - - - ahead     α: the goal's yaw, from straight ahead
 #
 # "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster than d. Of a goal
-# beyond 2 m (7 % in training) a policy sees little but the direction and the yaw. What a double step
-# does also depends on how the body moves when it begins. No planner sees that; the last action
-# stands in for it. Each row: name, unit (what an observation of 1 means), low, high.
+# beyond 2 m (7 % in training, where half of the goals are far) a policy sees little but the
+# direction and the yaw. What a double step does also depends on how the body moves when it begins.
+# No planner sees that; the last action stands in for it: −1 is the low limit, 1 the high one. Each
+# row: name, unit, low, high.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -195,7 +194,8 @@ def margin_at_rest(after, closing_step, task):
 
     after [n, 3]: the goal seen from the robot after a double step; closing_step [n, 3]: how closing
     the feet moves it."""
-    d, alpha, _ = polar(robot_model.relative(closing_step, after))  # of the goal as seen at rest
+    # The goal as seen once the robot has moved by closing_step
+    d, alpha, _ = polar(robot_model.relative(closing_step, after))
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
 
 
@@ -210,9 +210,10 @@ def reward_terms(
 
     All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
     (`potentials`) after the double step minus the one before it. Without a discount all but the
-    ends cancel in the sum over a walk, Φ_T − Φ_0: a detour pays nothing. This holds after a fall,
-    too, so the farther from the goal the robot falls, the less it was paid (Φ_d = −d). With the
-    discount of stage 4 it pays to hurry, and a detour may pay a little (predict.md, *circle*)."""
+    ends cancel in the sum over a walk, Σ(Φ_{t+1} − Φ_t) = Φ_T − Φ_0: a detour pays nothing. This
+    holds after a fall, too, so the farther from the goal the robot falls, the less it was paid
+    (Φ_d = −d). With the discount of stage 4 it pays to hurry, and a detour may pay a little
+    (predict.md, *circle*)."""
     # r_d, r_a, r_o = Φ′ − Φ of `potentials`
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
     # r_c = −Σ (action − last action)²
@@ -231,10 +232,8 @@ def reward_terms(
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ the estimate
-# The process noise of the filter [m, m, rad]. In the random walks of `python tests/studies/walk.py`
-# (`--mujoco` in 3-D), five equal double steps end about as far from their plan as five independent
-# errors of this size would take them. (Equal steps err alike. A double step of the shipped policy
-# errs by 0.7 to 0.9 of it, a short one of `hand_written` by about a third.)
+# The process noise of the filter [m, m, rad]: √5 times this is about the error after five equal
+# double steps, which err alike, in the random walks of `python tests/studies/walk.py`.
 DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0214, 0.0185, 0.1262)}
 
 
@@ -299,9 +298,8 @@ def draw_goals(rng, count, task=Task(), far=False):
 @dataclass(frozen=True)
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization): ± on
-    every number of the field of the same name in the Variation of stage 1, each uniform and independent.
-    All zeros: the model itself. Sizes: our choice. (Random numbers are drawn in the order of the
-    fields, so another order gives other episodes.)"""
+    every number of the field of the same name in the Variation of stage 1, each uniform and
+    independent, drawn in the order of the fields. All zeros: the model itself. Sizes: ours."""
 
     friction: float = 0.3  # [-] on μ
     mass: float = 0.10  # [-] on the factors of every link's mass and inertia
@@ -318,9 +316,9 @@ class Spread:
         for name, size in vars(self).items():
             values = getattr(variation, name)  # [n, …]
             values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
-        variation.friction, variation.delay = np.abs(
-            [variation.friction, variation.delay]
-        )  # neither is below 0
+        # Neither is below 0
+        variation.friction = np.abs(variation.friction)
+        variation.delay = np.abs(variation.delay)
         return variation
 
 
@@ -432,9 +430,9 @@ class FootstepWorld:
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         noise = [self.dice[i].noise.normal(0, std) for i in robots]  # [n, 3]
-        # Without noise R is nearly 0, so K is 1: only the new measurement counts. (In 2-D a turn is
-        # exact, its drift is 0, and every measurement of the yaw equals its prediction. With R = 0
-        # the second one would divide by 0.)
+        # Without noise R is nearly 0, so K is 1: only the new measurement counts. (But for the yaw
+        # in 2-D: without drift K is 1, ½, ⅓, …, and each measurement equals its prediction. With
+        # R = 0 there would be no inverse.)
         measured = self.relative_goal(robots) + noise
         self.estimate[robots], self.covariance[robots] = correct(
             self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
@@ -783,7 +781,7 @@ def main():
     for (name, unit, low, high), value in zip(OBSERVATION, seen[0]):
         print(f"{name:32} {unit:>22} {low:5} {high:5} {value:8.2f}")
     print(
-        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one; y, yaw: outward\n"
+        "\naction: x [m], y [m], yaw [rad] of the left foot, then of the right one, y, yaw outward\n"
         f"0 is {envs.world.limits.low}, 1 is {envs.world.limits.high}\n\n"
         f"{envs.num_envs} robots, 60 double steps each"
     )

@@ -15,21 +15,15 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
             target: our best estimate of the return, V + A
         (4) log how the episodes ended                                `episode_means`
 
-What is the critic worth? With V = 0 the planar robot ends up 7 to 8 % slower, and a pendulum is not
-swung up at all (results/STUDIES.md, *ladder*).
-
     python 04_ppo.py                 250,000 double steps of the planar robot (`--mujoco`: in 3-D)
     python 04_ppo.py --quick         60,000 double steps, in two minutes, into runs/<sim>/quick/
-    python 04_ppo.py --gamma 0.9     another setting: all fields of `PPOConfig` but `hidden` are flags
+    python 04_ppo.py --gamma 0.9     another setting: fields of `PPOConfig` are flags
     python 04_ppo.py --robot my.py   another robot: ROBOT, WALK, LIMITS of your file
 
 After every update the stage writes the policy so far, checkpoint.pt in runs/<sim>/, which stage 5
 can evaluate. At the end it writes policy.pt, learning_curve.csv and learning_curve.png there
 instead. (`plot_learning_curve` says what is normal in this picture.) The goal is measured with
-noise.
-
-Read down to the line of equals signs. Below it are the policy gradient, the networks, files, the
-picture, and the command line.
+noise. Read down to the line of equals signs.
 
 Leaves out: recurrent policies, normalisation of observations and rewards, GPUs; and what [8] can do
 but does not do by default: an entropy bonus, value clipping, a stop at a large KL.
@@ -126,25 +120,25 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         one step     δ_t                  little noise, but wrong where the critic is wrong
         two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t): the V between
                                           cancels
-        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): right on average, but noisy (a wrong
-                                          V(s_t) is the same for all actions, so it cancels)
+        all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): noisy, but a wrong V(s_t) shifts the A of
+                                          all actions alike, which changes no gradient on average
     λ between 0 (the first of them) and 1 (the last one) lets later δ fade:
         A_t = Σ_k (γλ)ᵏ·δ_{t+k}           so δ 10 steps ahead counts (0.95·0.95)¹⁰ = 0.36
 
-    The sum stops where an episode ends. What counts behind its end depends on how it ended:
+    The sum stops where an episode ends. What counts after its end depends on how it ended:
         terminated   (a fall, or the goal) There is no future: V(s_{t+1}) counts as 0.
         truncated    (the time is up) The walk would have gone on, we only stopped recording it. So
                      V of its LAST observation stands for the rest ("bootstrapping"), never V of the
-                     next episode's first one. A 0 would teach that what leads there is worthless.
+                     next episode's first one.
     Where the rollout ends within an episode, V stands for the rest, too."""
-    future = next_values.masked_fill(terminated, 0)  # not "· 0", as nan · 0 = nan
+    future = next_values.masked_fill(terminated, 0)
     deltas = rewards + gamma * future - values  # r_t + γ·(1 − terminated_t)·V(s_{t+1}) − V(s_t)
     goes_on = ~(terminated | truncated)  # the sum stops at a fall, at the goal AND at a cut-off
     advantages = torch.empty_like(rewards)
-    next_advantage = torch.zeros_like(rewards[0])  # [N] A_{t+1}
+    advantage = torch.zeros_like(rewards[0])  # [N] of the step after this one; after the last: 0
     for t in reversed(range(len(rewards))):  # A_t = δ_t + γ·λ·A_{t+1} within one episode
-        next_advantage = deltas[t] + gamma * lam * (goes_on[t] * next_advantage)
-        advantages[t] = next_advantage
+        advantage = deltas[t] + gamma * lam * (goes_on[t] * advantage)
+        advantages[t] = advantage
     return advantages
 
 
@@ -177,7 +171,7 @@ def judge(model, data, cfg):
 
 
 def improve(model, optimizer, data, cfg):
-    """(3) Takes gradient steps on a rollout; data: as by `collect`, and advantage and target [T, N].
+    """(3) Takes gradient steps on a rollout; data: as by `collect`, with advantage, target [T, N].
     Returns numbers over all samples: from before these steps entropy and explained_variance; from
     after them clip_fraction, approx_kl and value_loss."""
     samples = {name: values.flatten(0, 1) for name, values in data.items()}  # [B, …], B = T·N
@@ -201,15 +195,15 @@ def improve(model, optimizer, data, cfg):
             loss = -objective + cfg.value_coef * critic_loss
             optimizer.zero_grad()
             loss.backward()
-            # Both gradients are limited together, so large rewards make the actor's steps short.
+            # Both gradients are limited together. (Adam divides a common factor out again.)
             nn.utils.clip_grad_norm_(model.parameters(), cfg.max_grad_norm)
             optimizer.step()
 
     with torch.no_grad():  # for the log: the policy after the update against π_old
         log_ratio = model.policy(obs).log_prob(action) - old_log_prob  # ln ρ
         outside = ((log_ratio.exp() - 1).abs() > cfg.clip).float()  # of [1 − ε, 1 + ε]
-        # KL(π_old‖π) = E[−ln ρ] [nats], the mean over π_old. As E[ρ − 1] = 0, it is also the mean of
-        # (ρ − 1) − ln ρ, which has less noise, because ln ρ ≈ ρ − 1.
+        # KL(π_old‖π) = E[−ln ρ] [nats], the mean over π_old. As E[ρ − 1] = 0,
+        # it is also that of (ρ − 1) − ln ρ, which has less noise, because ln ρ ≈ ρ − 1.
         kl = torch.expm1(log_ratio) - log_ratio
         return {
             "entropy": entropy.item(),
@@ -344,7 +338,7 @@ class ActorCritic(nn.Module):
     say where the hump's top is, the mode m, and how narrow it is, the concentration c = α + β:
         m = (α − 1) / (c − 2),   so   α = 1 + (c − 2)·m,   β = 1 + (c − 2)·(1 − m)
     Training uses sampled actions, evaluation the mode, as in the paper. A policy begins like the
-    first of these humps (m = 0.4), and a training makes it as narrow as the second one:
+    first of these humps, and a training makes it as narrow as the second one (here with m = 0.4):
         c = 10, σ = 0.15   0    ▁▁▂▃▄▅▅▆▇▇█████▇▇▆▆▅▄▄▃▂▂▁▁▁         1
         c = 70, σ = 0.06   0           ▁▂▄▆▇█▇▆▄▂▁                   1"""
 
@@ -468,18 +462,17 @@ def plot_learning_curve(rows, path, title):
         successes   near 1, but for update 11, when the first episodes run out of time together.
         falls       0 -> 0.001 (3-D), 0.003 (2-D): the first policy mostly steps on the spot, and a
                     robot that learns to be quick falls sometimes.
-        time        falls. (Until just after update 11 only short walks end: too low.)
+        time        falls, after update 11. (Before it only walks can have ended that were shorter
+                    than the training so far.)
         entropy     falls: how random the policy is, in nats (with natural logarithms).
-        outside     0.41 -> 0.21 of the samples. ([8] logs the mean over its gradient steps, which
-                    is smaller.)
-        KL          0.04 -> 0.02 nats: how far a rollout moves the policy (Kullback-Leibler).
-                    This and the last one fall because the learning rate does; that they do so is
-                    no sign that all is learned.
-        explained   less than 0.1 -> 0.2: how much of the differences between the critic's targets V
-        variance    predicts. At 1 it predicts them but for a constant, at 0 it is no better than
-                    their mean. It is below 0 in one update of six (2-D) or eight (3-D): even the
-                    true goal tells little of what a walk will return (see projects.md). In the
-                    first updates it says nothing, as the targets V + A contain an untrained V."""
+        outside     0.41 -> 0.21 of the samples. ([8] logs a smaller mean, over its gradient steps.)
+        KL          0.036 -> 0.015 nats: how far a rollout moves the policy (Kullback-Leibler). KL
+                    and *outside* fall because the learning rate does, not because all is learned.
+        explained   less than 0.1 -> 0.2: how much of the differences between the critic's targets
+        variance    does V predict? 1: all; 0: none; below 0 (one update of six or eight): it is
+                    worse than their mean. Even the true goal tells little of what a walk will
+                    return (see projects.md). In the first updates the targets V + A contain an
+                    untrained V, and this says nothing."""
     steps = np.array([row["steps"] for row in rows]) / 1000  # [U]
     width = len(rows) // 20 + 1
     weights = np.ones(width) / width  # of the updates in a mean
@@ -525,7 +518,7 @@ def main(argv=None):
     own = env.robot_settings(args.robot, args.sim) if args.robot else {}
     out = robot_model.output_folder(args, "quick" if args.quick else "")
     print(
-        f"training on {args.sim}: {args.steps:,} steps or a few more, seed {args.seed}, into {out}\n"
+        f"training on {args.sim}: {args.steps:,} steps or a few more, seed {args.seed}, in {out}\n"
         "(Ctrl-C stops it; checkpoint.pt is the policy so far)"
     )
     _, rows = train(
@@ -539,8 +532,7 @@ def main(argv=None):
     flags = " --mujoco" * (args.sim == "mujoco") + f' --robot "{args.robot}"' * bool(args.robot)
     print(
         f"policy.pt, learning_curve.csv and learning_curve.png are in {out}\n"
-        "A near goal in 2-D takes 0 to 2 % more time than with baseline_tuned after --quick, 14 % less "
-        "with the shipped policy. Yours:\n"
+        "After --quick a near goal in 2-D takes as long as with baseline_tuned, within 4 %. Yours:\n"
         f'    python 05_evaluate.py --noise{flags} --policy "{out / "policy.pt"}"'
     )
 

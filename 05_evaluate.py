@@ -19,26 +19,25 @@ and a note says what differs. The stage prints tables. Their times are those of 
 succeed: the mean, the median, and the 95th percentile. In the paper a walk succeeds when the robot
 is at the goal once. Here two double steps in a row must end there, and we count the time to the end
 of the first of them. The stage writes table.md, evaluation.json, trials.csv and footsteps.png, with
-walks to two goals without noise, to `runs/<sim>/`. Predict: with the paper's policy the robot takes
-55 % of the baseline's time, and falls about twice as often. Is this so with our policy?
+walks to two goals without noise, to `runs/<sim>/`. Predict: with the paper's policy, and noise, the
+robot takes 56 % of the baseline's time, and falls about twice as often. Is this so with ours?
 
 A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
 which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
 [n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
 measurements so far. A planner may use nothing but the view. `tests/studies/search.py` is a worked
 example. `baseline` is the team's controller, [10], with which the paper compares, but ours decides
-once per double step. `baseline_tuned` has settings optimised for this world; it also divides
-sidesteps and turns between both feet, in proportion to what each foot may do.
+once per double step. `baseline_tuned` has settings optimised for this world; with it both feet
+share sidesteps, too, and in proportion to what each may do.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
 noise (common random numbers), so no row has easier goals, and we may compare trial by trial: falls
-with `mcnemar`, times with `bootstrap`. Whether two planners differ is not answered by the intervals
-of their rates (`wilson`), which say how sure we are of each alone. A far walk has the floor, the body and the noise of a near one, so 500 near and
-500 far walks are 500 pairs, not 1,000 independent walks. Seed 0 is for trying things. Test your
-final choice with another `--seed`.
+with `mcnemar`, times with `bootstrap`. The intervals of rates (`wilson`) do not answer whether two
+planners differ: they say how sure we are of each alone. A far walk has the floor, the body and the
+noise of a near one, so 500 near and 500 far walks count as 500 independent walks, not as 1,000.
+Seed 0 is for trying things. Test your final choice with another `--seed`.
 
-Read down to the line of equals signs: trials and statistics. Below it are the baseline, the rows of
-the table, the tables, files and pictures.
+Read down to the line of equals signs: trials and statistics.
 
 Leaves out: standing up after a fall, obstacles, the spread over training seeds.
 [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
@@ -144,8 +143,8 @@ def double_step(planner, world, robots):
 # ------------------------------------------------------------------------ statistics
 def wilson(count, total, z=1.96):
     """95 % interval [low, high] of a rate, of which we have counted `count` of `total` trials (the
-    Wilson score). It holds every rate p, of infinitely many trials, with which our own rate p̂ would
-    not be surprising: |p̂ − p| ≤ z·√(p·(1 − p)/n). Of 100 such intervals about 95 hold the truth."""
+    Wilson score): all true rates p from which our p̂ is at most z standard deviations away,
+    |p̂ − p| ≤ z·√(p·(1 − p)/n). Of 100 such intervals about 95 hold the truth."""
     # Squared, with "=", this is a quadratic equation of p. Its solutions are the ends:
     # (p̂ + z²/(2n) ± z·√(p̂·(1 − p̂)/n + z²/(4n²))) / (1 + z²/n)
     rate = count / total  # p̂; the interval has a width also if it is 0
@@ -171,8 +170,7 @@ def time_ratio(walks, reference):
     returns of the same trials. Returns a dict:
     goals                   how many these are; the dict is empty if there is none
     time_ratio              mean time / mean time of the reference
-    time_ratio_ci95         its interval (holds the truth in 95 %, with 20 goals in 92 %; of fewer
-                            goals nan)
+    time_ratio_ci95         its interval; of fewer than 20 goals nan
     faster, equal, slower   shares of the goals that took fewer, as many, more double steps (not
                             seconds: a robot that waits for 0.01 s is not a slower one)"""
     both = (walks["outcome"] == "success") & (reference["outcome"] == "success")
@@ -200,8 +198,8 @@ def mcnemar(ours, theirs):
     it happen in a trial (a fall)? Returns a dict:
 
     only_ours, only_theirs   trials in which it happened with one of them alone
-    p                        how often chance would divide these between equals at least as unevenly
-                             (of twenty p between equals at most one is below 0.05, on average)"""
+    p                        how often chance would divide these trials at least as unevenly, if
+                             both planners were equal"""
     one, other = int((ours & ~theirs).sum()), int((theirs & ~ours).sum())
     # Between equals each of these trials is a toss of a coin: P(at most k of n) = Σ C(n, i) / 2ⁿ
     n, k = one + other, min(one, other)
@@ -501,9 +499,8 @@ def ratio_line(row):
 
 
 def table(rows, ratios, flags=""):
-    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise; the
-    policy compared with the others. With flags, which change the walks, the paper's rows are left
-    out."""
+    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise;
+    the policy compared with the others. Flags change the walks, so the paper's rows leave."""
     text = f"With {flags}\n" if flags else NOTE
     for (std, noise), block in itertools.groupby(rows, itemgetter("goal_std_m", "noise")):
         lines = [rate_line(row) for row in block]
