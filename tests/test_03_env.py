@@ -912,6 +912,20 @@ def test_the_figure_of_rewards_shows_sums_and_centimetres(monkeypatch):
     close(estimate.lines[2].get_ydata(), [5, 5 / 2**0.5], "of a robot that stands still")
 
 
+def test_a_training_has_goals_of_its_own_stream():
+    envs, world = FootstepVectorEnv(1), FootstepWorld(1)
+    envs.reset(seed=3)
+    world.reset([0], [stream("training", 3)])
+    equal(envs.world.goal, world.goal, "never those of the evaluation")
+
+
+def test_a_walk_is_cut_off_before_a_double_step_that_may_wait_too_long():
+    world = FootstepWorld(1, "mujoco", task=replace(TASK, time_limit=1.3))
+    world.reset([0], goals=[[9.0, 0, 0]])
+    hint = "after 0.6 s, for 0.6 s and 0.4 s of waiting are too long"
+    assert world.step([world.neutral_action], [0])["timeout"], hint
+
+
 def test_another_seed_of_the_demonstration_is_another_walk(monkeypatch, tmp_path):
     reset = mock.Mock(side_effect=KeyboardInterrupt)
     monkeypatch.setattr(FootstepVectorEnv, "reset", reset)
