@@ -1,6 +1,7 @@
 """The studies' own tools, with answers that are known; the studies themselves take hours."""
 
 import itertools
+import json
 import math
 from argparse import Namespace
 from dataclasses import replace
@@ -25,7 +26,7 @@ import pytest
 import seeds
 import walk
 from checks import BOTH, close, equal, letters_are_large
-from common import env, evaluate, ppo, robot_model, walk_engine
+from common import env, evaluate, pick, ppo, robot_model, walk_engine
 from matplotlib.backend_bases import KeyEvent, MouseEvent
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
@@ -525,6 +526,29 @@ def test_the_ladder_changes_one_thing_a_rung_and_ends_at_this_system():
     first.estimate[:] = 9, 9, 1
     first.step(first.neutral_action[None], [0])
     close(first.estimate, first.relative_goal([0]), "only the last measurement counts", atol=0.3)
+
+
+def test_a_rung_is_measured_alone_and_its_trainings_are_not_pooled(monkeypatch, tmp_path):
+    shared = {"how": "so", "episodes": 4, "time_mean": 3.0, "falls": 1}
+    kinds = {"baseline_tuned": [0, 1, 2], "policy 0": [0], "policy 1": []}
+    rows = [{"planner": name, "fell": fell, **shared} for name, fell in kinds.items()]
+    rows[-1] |= {"time_mean": 4.0, "falls": 0}
+    first, other = [*ladder.RUNGS][:2]
+    rows = [{"rung": rung, **row} for rung in (first, other) for row in rows]
+    old = {"rungs": {"rows": [row | {"old": True} for row in rows]}}
+    (tmp_path / "ladder.json").write_text(json.dumps(old))
+    measured = lambda sim, k, rung, settings: pick(rows, rung=rung)  # noqa: E731
+    monkeypatch.setattr(ladder, "rows_of_rung", measured)
+    args = Namespace(sim="mujoco", out=tmp_path, rung=first)
+    found = ladder.study_rungs(args)["rows"]
+    assert found == pick(rows, rung=first) + pick(old["rungs"]["rows"], rung=other)
+    with pytest.raises(robot_model.InputError, match="there are the paper's, "):
+        ladder.study_rungs(Namespace(sim="mujoco", out=tmp_path, rung="x"))
+    means = pick(ladder.with_means(rows), planner="policies, mean")
+    assert [(row["time_mean"], row["falls"]) for row in means] == [(3.5, 0.5)] * 2
+    one, two = ladder.falls_there(rows)
+    assert (one["only_ours"], one["only_theirs"], one["p"]) == (0, 2, 0.5)
+    assert (two["only_ours"], two["only_theirs"], two["p"]) == (0, 3, 0.25)
 
 
 def test_learners_that_lack_a_part(monkeypatch):

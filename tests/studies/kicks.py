@@ -1,6 +1,6 @@
 """Where does the robot fall? Pushes, other floors, other bodies, other errors.
 
-    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | steps] [--out FOLDER]
+    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | steps | unanswered] [--out FOLDER]
 
 pushes: far goals with noise. A push acts on the torso for 50 ms and would give the torso alone the
 speed Δv. There is one every 3 s on average. All planners meet the same pushes.
@@ -8,12 +8,15 @@ worlds: the shipped policy, which does not observe the world; near and far goals
 3-D there are floors of blocks 0.2 m wide with random heights.
 steps: the shipped policy without some of the answers to a push (`reflex`, `capture`, `wait` of stage
 2), on the flat floor.
+unanswered: `baseline_tuned` (the policy has learned with the answers) with all of them, with all of
+them switched off, and with a walk that was searched for without them (`ladder.py`). Only in 3-D.
 """
 
 from dataclasses import replace
 from itertools import product
 
 import common
+import ladder
 import mujoco
 import numpy as np
 import seeds
@@ -158,7 +161,35 @@ def study_steps(args):
     return rows
 
 
-PARTS = {"steps": study_steps, "pushes": study_pushes, "worlds": study_worlds}
+UNANSWERED_FIRST = 310  # evaluation seed
+
+
+def study_unanswered(args):
+    """Rows of `baseline_tuned` by push and walk; the walks are compared one by one with those that
+    have all answers."""
+    if args.sim != "mujoco":
+        print("the walk that was searched for without answers is only in 3-D: --mujoco")
+        return None
+    planner, rows = common.opponents(args.sim)["baseline_tuned"], []
+    for push, far, sets in CASES:
+        for name, walk in ladder.WALKS.items():
+            world = common.world(args.sim, walk=walk, push=push)
+            ended = common.walks(planner, world, far, min(sets, 2), first=UNANSWERED_FIRST)
+            if name == "with answers":
+                reference = ended
+            row = {"push": push, "walk": name}
+            row |= common.time_over("time_over_all", ended, reference)
+            row |= evaluate.mcnemar(common.fell(ended), common.fell(reference))
+            rows.append(common.row_of(ended, "baseline_tuned", far, **row))
+    return rows
+
+
+PARTS = {
+    "steps": study_steps,
+    "pushes": study_pushes,
+    "worlds": study_worlds,
+    "unanswered": study_unanswered,
+}
 
 
 COLUMNS = {
@@ -167,6 +198,8 @@ COLUMNS = {
     | {("time_mean", "goal_std_m"): 2},
     "steps": {"push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
     | {"time_over_all": 3, "only_theirs": 0, "only_ours": 0},
+    "unanswered": {"push": 1, "goal_std_m": 1, "walk": 0, "falls": 0, "episodes": 0}
+    | {"time_mean": 2, "time_over_all": 3, "only_ours": 0, "only_theirs": 0},
 }
 
 

@@ -1,11 +1,14 @@
 """What leads from the paper to this system, and what does PPO need here? Short trainings.
 
-    python tests/studies/ladder.py --mujoco [--only PART] [--out FOLDER]
+    python tests/studies/ladder.py --mujoco [--only PART [--rung NAME]] [--out FOLDER]
 
-rungs: from the paper's system to ours, one change after the other. (`RUNGS`; only in 3-D.)
+walk: the walk of the rungs that have no answers to a lean, searched for without them. (Only in 3-D.)
+rungs: from the paper's system to ours, one change after the other. (`RUNGS`; only in 3-D.) With
+--rung only this one is measured; of the others the file keeps what it has.
 without: our system without one part of the learning at a time.
 
-A training that is finished stays in runs/<sim>/studies/ladder until you delete it.
+What is finished stays in runs/<sim>/studies/ladder until you delete it, so a study that was stopped
+goes on there.
 """
 
 import json
@@ -17,16 +20,19 @@ from itertools import product
 import baseline
 import common
 import numpy as np
+import walk
 from common import env, evaluate, ppo, robot_model, values, walk_engine
 
 sys.path.append(str(common.ROOT / "tests" / "exercises" / "starters"))
 import pendulum
 
 torch = ppo.torch
-DURATION = "on one core: without, 3-D: 100 minutes, 2-D: 70; rungs: 3 hours"
+DURATION = "on one core: without, 3-D: 100 minutes, 2-D: 70; walk: 25 minutes; rungs: 4 hours"
 STEPS = {"pymunk": 60_000, "mujoco": 125_000}  # double steps of a training
 SEEDS = {"pymunk": (0, 1, 2), "mujoco": (0,)}  # of `without`
 FIRST, SETS = 140, 2  # evaluation seeds: 1,000 near and 1,000 far goals of `without`
+RUNGS_FIRST = 300  # that of the rungs: 500 near goals
+FLAGS = {"rung": {"metavar": "NAME", "help": "of the rungs measure this one"}}
 
 
 class ShapeActor(ppo.ActorCritic):
@@ -53,13 +59,32 @@ class NoCritic(ppo.ActorCritic):
 
 AS_MODEL = env.Spread(**dict.fromkeys(vars(env.Spread()), 0.0))  # no robot differs from the model
 WALK = walk_engine.TUNED["mujoco"]
+# Found by the part `walk`: a walk for itself, not one with its answers switched off.
+OPEN_LOOP = replace(
+    WALK,
+    **common.NO_ANSWERS,
+    double_support=0.0355,
+    foot_distance=0.1565,
+    foot_rise=0.0317,
+    trunk_height=0.3725,
+    trunk_phase=-0.0457,
+    trunk_pitch=0.0848,
+    trunk_swing=0.2116,
+    trunk_x_offset=0.0198,
+    trunk_roll=0.0431,
+)
+WALKS = {
+    "with answers": WALK,
+    "answers switched off": replace(WALK, **common.NO_ANSWERS),
+    "searched without answers": OPEN_LOOP,
+}
 # As far as the paper's text tells. Ours are robot and walk, the scalars of the reward and the price
 # of a fall, one last action instead of two, noise and far goals in training, and how long it takes.
 PAPER = {
     "model": ShapeActor,
     "task": env.Task(in_a_row=1, s_goal=0.0, s_time=0.0, s_stay=0.0),
     "drift": (1e3, 1e3, 1e3),  # so only the last measurement counts
-    "walk": replace(WALK, **common.NO_ANSWERS),
+    "walk": OPEN_LOOP,
     "spread": AS_MODEL,
 }
 # What each rung changes. First the learning, in the paper's world; then the world; at last the rule
@@ -73,6 +98,12 @@ RUNGS = {
     "random floors and bodies": {"spread": env.Spread()},
     "two in a row, reward of rest": {"task": env.Task()},
 }
+THREE = (  # trained with three seeds, the others with one
+    "the paper's",
+    "outputs mode and concentration",
+    "answers to a lean",
+    "two in a row, reward of rest",
+)
 WITHOUT = {  # what differs from our system, see `learn`
     "nothing": {},
     "critic (V = 0)": {"model": NoCritic},
@@ -114,16 +145,19 @@ def study_without(args):
         )
         row = common.row_of(own, name, far, without=name)
         rows.append(row | common.time_over("time_over_all", own, reference))
-        ratios = (
+        ratios = [
             common.time_over("", walked[name, seed, far], walked["nothing", seed, far])[""]
             for seed in SEEDS[args.sim]
-        )
+        ]
+        if len(ratios) > 1:  # trainings are not walks: each is shown, and their mean
+            rows[-1] |= {"time_over_all": np.mean(ratios), "time_over_all_ci95": None}
         rows[-1]["per_seed"] = ", ".join(f"{ratio:.3f}" for ratio in ratios)
     return {"steps": STEPS[args.sim], "rows": rows}
 
 
 def tuned_for(world):
-    """Settings of `baseline_tuned` for near goals in this world, from those of stage 5 on."""
+    """Settings of `baseline_tuned` for near goals in this world, from those of stage 5 on, and a row
+    for each generation of the search."""
     start = vars(evaluate.TUNED_BASELINE[world.sim]).copy()
     del start["share"]
 
@@ -134,39 +168,96 @@ def tuned_for(world):
     def cost(ended):
         return baseline.cost(baseline.facts(ended) | {"still_there": 1.0})
 
-    x, _ = common.search(walked, cost, np.log([*start.values()]), 0.2, STEPS[world.sim], 0)
-    return np.exp(x)
+    x, curve = common.search(walked, cost, np.log([*start.values()]), 0.2, ppo.STEPS, 0)
+    return {"settings": np.exp(x), "curve": curve}
 
 
-def judged(sim, name, planner, noise, in_a_row, task, **own):
-    """The row of a planner for near goals; a success is in_a_row double steps at the goal."""
-    task = replace(task, in_a_row=in_a_row)
-    ended = common.walks(planner, common.world(sim, noise=noise, task=task, **own), first=FIRST)
-    return common.row_of(ended, name) | {"noise": noise, "in_a_row": in_a_row}
+def search_open_loop():
+    """The walk that a search without answers and pushes ends at, and a row for each generation."""
+    start = replace(WALK, **common.NO_ANSWERS)
+    world = common.world("mujoco", num_robots=1, walk=start)
+    # step_ticks stays, so that double steps take equally long on all rungs.
+    fixed = *common.NO_ANSWERS, "usual_lean", "fade", "step_ticks"
+    found, curve = walk.tune(world, 0, fixed, count=2 * walk.WALKS, pushes=(0.0,))
+    return {"walk": vars(found), "curve": curve}
+
+
+def study_walk(args):
+    """The walk in open loop, searched for like TUNED but without pushes, beside TUNED with its answers
+    and without; in walks of their own with `baseline_tuned`, in random worlds and in the model's."""
+    if args.sim != "mujoco":
+        print("the walk in open loop is only in 3-D: --mujoco")
+        return None
+    folder = common.work(args.sim, "ladder", "walk")
+    searched = kept(folder / "search.json", search_open_loop)
+    found = walk_engine.WalkParameters(**searched["walk"])
+    walks = WALKS | {"searched without answers": found}
+    worlds = {"random floors and bodies": env.Spread(), "as the model": AS_MODEL}
+    rows = []
+    for (title, spread), (name, parameters) in product(worlds.items(), walks.items()):
+        settings = {"walk": parameters, "spread": spread}
+        row = kept(folder / f"{title} {name}.json", walked_calmly, args.sim, settings)
+        rows.append({"world": title, "walk": name, **row})
+    return {"rows": rows, "parameters": searched["walk"], "curve": searched["curve"]}
+
+
+def walked_calmly(sim, settings):
+    """The row of `baseline_tuned` in 500 near and 500 far walks of the tuning stream."""
+    planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
+    ended = common.near_and_far(planner, common.world(sim, **settings), purpose="tuning")
+    return common.row_of(ended, "baseline_tuned") | {"points": walk.points(ended)}
+
+
+def judged(sim, name, make_planner, noise, in_a_row, task, **own):
+    """The row of a planner for near goals; a success is in_a_row double steps at the goal. fell: in
+    which of these walks it fell."""
+    world = common.world(sim, noise=noise, task=replace(task, in_a_row=in_a_row), **own)
+    ended = common.walks(make_planner(), world, first=RUNGS_FIRST)
+    more = {"noise": noise, "in_a_row": in_a_row, "goals_seed": RUNGS_FIRST}
+    return common.row_of(ended, name) | more | {"fell": np.flatnonzero(common.fell(ended))}
+
+
+def tuned_there(sim, **own):
+    """`baseline_tuned`, searched anew in this world."""
+    world = common.world(sim, num_robots=common.CANDIDATES * 48, **own)
+    path = common.work(sim, "ladder", "rungs") / "tuned.json"
+    return baseline.tuned_of(kept(path, tuned_for, world)["settings"])
+
+
+def rows_of_rung(sim, k, rung, settings):
+    """Rows of a rung's policies and of the baseline: with noise and without, by both rules of a
+    success; on the first rung also of `baseline_tuned`."""
+    own = {name: value for name, value in settings.items() if name != "model"}
+    planners = {"baseline": evaluate.BaselinePlanner}
+    if not k:
+        planners["baseline_tuned"] = partial(tuned_there, sim, **own)
+    for seed in (0, 1, 2) if rung in THREE else (0,):
+        planners[f"policy {seed}"] = partial(learn, sim, f"rung {k}", seed, **settings)
+    folder, rows = common.work(sim, "ladder", "rungs"), []
+    for name, noise, in_a_row in product(planners, (True, False), (1, 2)):
+        path = folder / f"{k} {name} {noise} {in_a_row}.json"
+        row = kept(path, judged, sim, name, planners[name], noise, in_a_row, **own)
+        how = f"{'with' if noise else 'without'} noise, {in_a_row} at the goal"
+        rows.append({"rung": rung, "how": how} | row)
+    return rows
 
 
 def study_rungs(args):
-    """Rows of every rung's policies and of the baseline: with noise and without, by both rules of a
-    success; on the first rung also of `baseline_tuned`, searched anew in its world."""
+    """Rows of every rung, or of the one that --rung names beside those that the file has."""
     if args.sim != "mujoco":
         print("the rungs are only in 3-D: --mujoco")
         return None
-    settings, rows, folder = PAPER, [], common.work(args.sim, "ladder", "rungs")
+    if args.rung not in (None, *RUNGS):
+        raise robot_model.InputError(f"--rung {args.rung}: there are {', '.join(RUNGS)}")
+    path, rows = args.out / "ladder.json", []
+    known = common.read_json(path) if path.is_file() else {}
+    settings = PAPER
     for k, (rung, change) in enumerate(RUNGS.items()):
         settings = settings | change
-        own = {name: value for name, value in settings.items() if name != "model"}
-        planners = {"baseline": evaluate.BaselinePlanner()}
-        if not k:
-            world = common.world(args.sim, num_robots=common.CANDIDATES * 48, **own)
-            tuned = kept(folder / "tuned.json", tuned_for, world)
-            planners["baseline_tuned"] = baseline.tuned_of(tuned)
-        for seed in (0, 1, 2) if k in (0, len(RUNGS) - 1) else (0,):
-            planners[f"policy {seed}"] = learn(args.sim, f"rung {k}", seed, **settings)
-        for name, noise, in_a_row in product(planners, (True, False), (1, 2)):
-            path = folder / f"{k} {name} {noise} {in_a_row}.json"
-            row = kept(path, judged, args.sim, name, planners[name], noise, in_a_row, **own)
-            how = f"{'with' if noise else 'without'} noise, {in_a_row} at the goal"
-            rows.append({"rung": rung, "how": how} | row)
+        if args.rung in (None, rung):
+            rows += rows_of_rung(args.sim, k, rung, settings)
+        elif "rungs" in known:
+            rows += common.pick(known["rungs"]["rows"], rung=rung)
     return {"steps": STEPS[args.sim], "rows": rows}
 
 
@@ -206,7 +297,12 @@ def study_pendulum(args):
     return rows
 
 
-PARTS = {"pendulum": study_pendulum, "without": study_without, "rungs": study_rungs}
+PARTS = {
+    "pendulum": study_pendulum,
+    "without": study_without,
+    "walk": study_walk,
+    "rungs": study_rungs,
+}
 
 
 def last_returns(rows, name):
@@ -214,8 +310,37 @@ def last_returns(rows, name):
     return [np.mean(returns[-3:]) for returns in values(rows, "return", learner=name)]
 
 
+def with_means(rows):
+    """The rows of the rungs, and behind several trainings of a rung their mean."""
+    found = []
+    for rung in RUNGS:
+        own = common.pick(rows, rung=rung)
+        found += own
+        for how in dict.fromkeys(values(own, "how")):
+            same = [row for row in common.pick(own, how=how) if row["planner"].startswith("policy")]
+            if len(same) > 1:
+                means = {key: np.mean(values(same, key)) for key in ("time_mean", "falls")}
+                found.append({"rung": rung, "planner": "policies, mean", "how": how} | means)
+    return found
+
+
+def falls_there(rows):
+    """On the first rung, in the same worlds: in how many walks the robot falls with each training and
+    with `baseline_tuned`, and McNemar's exact test. (A training is not a sample of walks, so there
+    is no test of all together.)"""
+    lines = []
+    for row in common.pick(rows, rung=[*RUNGS][0]):
+        known = common.pick(rows, rung=row["rung"], how=row["how"], planner="baseline_tuned")
+        if row["planner"].startswith("policy") and known and "fell" in row:
+            fell = (np.isin(range(row["episodes"]), each["fell"]) for each in (row, known[0]))
+            line = {"how": row["how"], "planner": row["planner"], "falls": row["falls"]}
+            line["falls of baseline_tuned"] = known[0]["falls"]
+            lines.append(line | evaluate.mcnemar(*fell))
+    return lines
+
+
 def table(found):
-    """The learners on Pendulum, what PPO needs, and the rungs."""
+    """The learners on Pendulum, what PPO needs, the walk in open loop, and the rungs."""
     text = ""
     if "pendulum" in found:
         rows = found["pendulum"]["rows"]
@@ -229,9 +354,20 @@ def table(found):
     without = {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
     columns = {
         "without": without | {"time_over_all": 3, "per_seed": 0},
-        "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 0},
+        "walk": {"world": 0, "walk": 0, "episodes": 0, "falls": 0, "time_mean": 2, "points": 1},
+        "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
     }
-    return text + common.sections(found, columns)
+    if "rungs" not in found:
+        return text + common.sections(found, columns)
+    rows = found["rungs"]["rows"]
+    text += common.sections(found | {"rungs": {"rows": with_means(rows)}}, columns)
+    if lines := falls_there(rows):
+        text += "\n### falls on the first rung\n\n" + common.table(
+            lines,
+            {"how": 0, "planner": 0, "falls": 0, "falls of baseline_tuned": 0}
+            | {"only_ours": 0, "only_theirs": 0, "p": 4},
+        )
+    return text
 
 
 def plot(found, sim):

@@ -232,14 +232,12 @@ def sway(parameters, robot):
     return 1 - 1 / np.cosh(omega * step / 2)
 
 
-def walked(world, parameters, trial, count=WALKS):
-    """What `evaluate` returns, for `baseline_tuned` with this walk, to `count` near and far goals each,
-    calm and pushed."""
+def walked(world, parameters, trial, count=WALKS, pushes=(0.0, baseline.PUSH)):
+    """What `evaluate` returns, for `baseline_tuned` with this walk, to `count` near and far goals each
+    for every push."""
     planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[world.sim])
     own = {"walk": parameters, "limits": world.limits, "robot": world.engine.robot}
-    worlds = [
-        env.FootstepWorld(2 * count, world.sim, True, push, **own) for push in (0.0, baseline.PUSH)
-    ]
+    worlds = [env.FootstepWorld(2 * count, world.sim, True, push, **own) for push in pushes]
     return common.calm_and_pushed([planner], worlds, trial)[0]
 
 
@@ -248,13 +246,14 @@ def points(ended):
     return baseline.points(baseline.facts(ended))
 
 
-def tune(world, seed):
-    """A search from the walk of this world on, see `common.search`. Returns WalkParameters, and a
-    row for each generation. The trunk sways as much more or less as the pendulum does. ([5] used a
-    tree-structured Parzen estimator.)
+def tune(world, seed, fixed=(), **how):
+    """A search from the walk of this world on, see `common.search`; fixed: names of what stays as it
+    is, how: see `walked`. Returns WalkParameters, and a row for each generation. The trunk sways as
+    much more or less as the pendulum does. ([5] used a tree-structured Parzen estimator.)
     """
     start, robot = world.engine.parameters, world.engine.robot
-    names = [name for name in SEARCH if world.sim == "mujoco" or name not in ONLY_3D]
+    fixed = (*fixed, *(() if world.sim == "mujoco" else ONLY_3D))
+    names = [name for name in SEARCH if name not in fixed]
     mean = np.array([getattr(start, name) for name in names], float)
     # Another robot's lengths differ in proportion to its size; its own walk is always in the range.
     size = [robot.thigh_length / OURS.thigh_length if name in LENGTHS else 1 for name in names]
@@ -263,12 +262,13 @@ def tune(world, seed):
 
     def changed(x):
         found = dict(zip(names, x.round(4).tolist()))
-        new = replace(start, **found | {"step_ticks": round(found["step_ticks"])})
+        new = replace(start, **found)
+        new = replace(new, step_ticks=round(new.step_ticks))
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
         return replace(new, trunk_swing=round(float(share), 4))
 
     def walk(drawn, trial):
-        return [walked(world, changed(x), trial) for x in tqdm(drawn, leave=False)]
+        return [walked(world, changed(x), trial, **how) for x in tqdm(drawn, leave=False)]
 
     x, curve = common.search(walk, points, mean, (high - low) / 8, BUDGET, seed, low, high)
     return changed(x), curve
