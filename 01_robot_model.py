@@ -65,6 +65,7 @@ torso), gear play. Only the soles can touch anything.
 """
 
 import copy
+import math
 import os
 import sys
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -242,7 +243,7 @@ def fallen(torso, standing_height):
     """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
     standing height, or tilted beyond 45°."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
-    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < np.cos(np.pi / 4))
+    return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
 
 def centre_of_mass(robot, torso, joints):
@@ -347,7 +348,7 @@ def leg_inverse(robot, position, foot_turn):
     # r is cut to a straight leg, a shorter one to the most that the knee bends.
     r_squared = np.minimum(rx**2 + ry**2 + rz**2, (thigh + shin) ** 2)
     cos_knee = (r_squared - thigh**2 - shin**2) / (2 * thigh * shin)
-    knee = np.arccos(np.clip(cos_knee, np.cos(robot.joint_max[3]), 1))
+    knee = np.arccos(np.clip(cos_knee, math.cos(robot.joint_max[3]), 1))
     # The pitch of a vector is its angle from z towards x. Seen from the shin,
     # r = (−thigh·sin knee, 0, shin + thigh·cos knee)
     from_shin = np.arctan2(-thigh * np.sin(knee), shin + thigh * np.cos(knee))
@@ -720,7 +721,7 @@ class PymunkSim(Simulator):
         moments = factors * [link.inertia[1] for link in self.links]
         friction = self.variation.friction[i]
         for number in (*masses, *moments, friction, robot.planar_iterations):
-            if not 0 <= number < np.inf:  # an assertion of pymunk would end Python
+            if not 0 <= number < math.inf:  # an assertion of pymunk would end Python
                 raise InputError(f"pymunk can use no mass, inertia, μ or iterations of {number}")
         space = pymunk.Space()
         space.gravity = 0, -robot.gravity
