@@ -30,7 +30,7 @@ from common import env, evaluate, pick, ppo, robot_model, walk_engine
 from matplotlib.backend_bases import KeyEvent, MouseEvent
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
-from test_05_evaluate import Recorder, middles_of_soles
+from test_05_evaluate import Recorder, middles_of_soles, save_untrained
 from test_scripts import python
 
 torch = ppo.torch
@@ -277,8 +277,9 @@ def test_a_player_gets_the_world_and_the_planner_of_the_command_line(tmp_path, m
     monkeypatch.setattr(play, "play", window := mock.Mock())
     file = tmp_path / "mine.py"
     file.write_text("class Planner: pass")
-    flags = "--mujoco --noise --friction 0.65 --push 0.3 --planner".split()
-    play.main([*flags, str(file)])
+    policy = save_untrained(tmp_path / "policy.pt", "mujoco")
+    flags = "--mujoco --noise --friction 0.65 --push 0.3".split()
+    play.main([*flags, "--policy", str(policy), "--planner", str(file)])
     (world, name, planner, push), _ = window.call_args
     assert name == "mine" and type(planner).__name__ == "Planner"
     world.reset([0])
