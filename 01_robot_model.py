@@ -2,7 +2,7 @@
 
 Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
 II-a, a simulated biped with position-controlled joints. The robot is [6]. Sections and references
-have the paper's numbers. `tests/exercises/ledger.md` leads from each part of the paper to the code.
+have the paper's numbers. `tests/course/ledger.md` leads from each part of the paper to the code.
 
     python 01_robot_model.py             2-D (pymunk), 5 seconds
     python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
@@ -14,7 +14,7 @@ is the planar robot.
 
 101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. What
 is the smallest lean with which one falls? `runs/<sim>/01_robot.png` shows this robot. Predict the
-lean, as `tests/exercises/predict.md`, *lean*, shows. How fast does a robot tip over? It has a mass
+lean, as `tests/course/predict.md`, *lean*, shows. How fast does a robot tip over? It has a mass
 of 6.1 kg, and its centre of mass is h = 0.38 m above the floor. Were all mass there, a small lean
 would grow e-fold in 1/ω = 0.2 s, ω = √(g/h) = 5.1/s.
 

@@ -32,7 +32,7 @@ back, and the torso sinks by up to 5 mm.
 Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
 walk three times: without any answer (in open loop), with the reflex, with capture steps, too
 (`02_push.png`). How many fall each time? Guess this, and how far the robot sways from side to side:
-`tests/exercises/predict.md`, *capture* and *sway*, has the answers.
+`tests/course/predict.md`, *capture* and *sway*, has the answers.
 
 Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
 paths, the three answers to a push, and the code that walks, prints and draws. Nothing is random
@@ -327,7 +327,7 @@ def waiting_pace(lean_over_support, p):
 
     Up to late_lean the pace is 1. Beyond it the pace falls by `wait` per rad. A robot that leans
     outward over its support foot needs more time until it comes back to the other foot. How much?
-    See `tests/exercises/predict.md`, *waiting*: there the robot is a pendulum."""
+    See `tests/course/predict.md`, *waiting*: there the robot is a pendulum."""
     # pace = 1 − wait·(lean − late_lean), from 0 to 1
     return np.clip(1 - p.wait * (lean_over_support - p.late_lean), 0, 1)
 

@@ -55,7 +55,7 @@ STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 @dataclass(frozen=True)
 class PPOConfig:
     """The settings, each with its source: [P] the paper; [7]; [8] its default; [own] our choice
-    (how: results/STUDIES.md, *ladder*). In parentheses: the name in [8]."""
+    (how: results/README.md, *ladder*). In parentheses: the name in [8]."""
 
     num_envs: int = 64  # N, robots that walk at the same time, `collect` (n_envs) [own]
     rollout: int = 16  # T, double steps of each robot in an update, `collect` (n_steps) [own]

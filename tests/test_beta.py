@@ -8,7 +8,7 @@ import torch
 from checks import close
 from numpy.random import default_rng
 
-exercise = import_module("beta")  # tests/exercises/beta.py, or a student's
+exercise = import_module("beta")  # tests/course/beta.py, or a student's
 SHAPES = [(1.0, 1.0), (2.0, 5.0), (4.5, 1.2), (30.0, 60.0), (1.0, 3.0), (200.0, 300.0)]
 
 

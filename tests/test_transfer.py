@@ -147,7 +147,7 @@ def test_rows_become_a_table(monkeypatch):
 
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
-    path = TESTS / "exercises" / "starters" / "op3.py"
+    path = TESTS / "course" / "starters" / "op3.py"
     args = Namespace(sim="mujoco", robot=path, friction=None)
     world = evaluate.env.FootstepWorld(1, **evaluate.world_settings(args))
     tuned, robot = world.engine.parameters, world.engine.robot

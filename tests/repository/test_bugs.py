@@ -1,4 +1,4 @@
-"""The bugs of tests/exercises/bugs: each changes the stages as they are a little, in one place; they
+"""The bugs of tests/course/bugs: each changes the stages as they are a little, in one place; they
 still import, and the test that debug.md names catches the bug (slow)."""
 
 import ast
@@ -13,7 +13,7 @@ import pytest
 from debug import BUGS, ROOT
 from test_scripts import main_of, python
 
-BOOK = (ROOT / "tests" / "exercises" / "debug.md").read_text("utf-8")
+BOOK = (ROOT / "tests" / "course" / "debug.md").read_text("utf-8")
 SECTIONS = {part.split(":")[0]: part for part in re.split(r"^## ", BOOK, flags=re.MULTILINE)[1:]}
 STAGES = sorted(path.stem for path in ROOT.glob("0*.py"))
 IMPORT_THEN_TEST = f"""
@@ -143,7 +143,7 @@ def with_bugs(tmp_path_factory):
     """A repository in which two bugs are in."""
     folder = tmp_path_factory.mktemp("repository")
     debug.copied(folder)
-    shutil.copytree(debug.FOLDER, folder / "tests" / "exercises" / "bugs")
+    shutil.copytree(debug.FOLDER, folder / "tests" / "course" / "bugs")
     for bug in "stubborn", "tired":
         debug.put(bug, folder)
     return folder
@@ -166,7 +166,7 @@ def test_a_student_s_test_is_judged_with_and_without_the_bug(
     (tmp_path / "mine.py").write_text(STUDENT_S_TEST + last, "utf-8")
     # A console of Windows, which has ± and no α; and options of the student's own
     surrounding = {"PYTHONIOENCODING": "cp1252", "PYTEST_ADDOPTS": "--tb=short"}
-    script = with_bugs / "tests" / "exercises" / "debug.py"
+    script = with_bugs / "tests" / "course" / "debug.py"
     done = python(script, "mine.py", bug, cwd=tmp_path, **surrounding)
     said = done.stdout + done.stderr
     assert done.returncode == code and says in said, said

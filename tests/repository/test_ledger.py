@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 from test_scripts import told
-from workbook import BOOK  # of tests/exercises
+from workbook import BOOK  # of tests/course
 
 TESTS = Path(__file__).resolve().parents[1]
-PAGES = ("course.md", "debug.md", "ledger.md", "predict.md", "projects.md")
-TEXT = {page: (TESTS / "exercises" / page).read_text("utf-8") for page in PAGES}
+PAGES = ("README.md", "debug.md", "ledger.md", "predict.md", "projects.md")
+TEXT = {page: (TESTS / "course" / page).read_text("utf-8") for page in PAGES}
 STAGES = {path.stem[:2]: path.stem for path in TESTS.parent.glob("0*.py")}
 STUDIES = [path.stem for path in (TESTS / "studies").glob("*.py")]
 HEADING = re.compile(r"^## (\w+):", re.MULTILINE)  # "## lean: At which lean …"
@@ -45,7 +45,7 @@ def exists(place, path):
 @pytest.mark.parametrize("page", PAGES)
 def test_everything_that_is_named_exists(page):
     wrong = [
-        f"tests/exercises/{page}, line {number}: there is no `{place}{rest}`"
+        f"tests/course/{page}, line {number}: there is no `{place}{rest}`"
         for number, line in enumerate(TEXT[page].splitlines(), 1)
         for place, rest in NAME.findall(line)
         if not exists(place, rest.split(".")[1:])
@@ -57,7 +57,7 @@ def test_everything_that_is_named_exists(page):
 
 @pytest.mark.parametrize("kind", EXERCISES)
 def test_every_exercise_belongs_to_a_lesson(kind):
-    absent = [name for name in EXERCISES[kind] if f"`{kind}.{name}`" not in TEXT["course.md"]]
+    absent = [name for name in EXERCISES[kind] if f"`{kind}.{name}`" not in TEXT["README.md"]]
     assert not absent, f"in which lesson is {kind}.{absent} done?"
 
 

@@ -24,7 +24,7 @@ import transfer
 import walk
 from common import PER_SET, RESULTS, ROOT, STD, env, pick, ppo, robot_model, values
 
-PAGES = "README.md", "results/STUDIES.md", "results/mujoco/README.md", "results/pymunk/README.md"
+PAGES = "README.md", "results/README.md", "results/mujoco/README.md", "results/pymunk/README.md"
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in PAGES}
 MARK = re.compile(r"<!-- ([^<>]+: [^<>]+) -->$")
 NO_NUMBER = re.compile(r"<!--.*?-->|`.*?`|\[.*?\]\(.*?\)|[23]-D|stages? \d|^\d+\. ")

@@ -23,13 +23,13 @@ from test_scripts import check_picture, main_of, python
 
 LONGEST = {
     "README.md": 130,
-    "results/STUDIES.md": 230,  # lines
+    "results/README.md": 230,  # lines
     "results/pymunk/README.md": 115,
     "results/mujoco/README.md": 115,
     "tests/README.md": 40,
-    "tests/exercises/course.md": 381,
-    "tests/exercises/projects.md": 215,
-    "tests/exercises/teaching.md": 125,
+    "tests/course/README.md": 381,
+    "tests/course/projects.md": 215,
+    "tests/course/teaching.md": 125,
 }
 TEXTS = {page: (ROOT / page).read_text("utf-8") for page in LONGEST}
 README = TEXTS["README.md"]
@@ -182,7 +182,7 @@ def test_shipped_files_show_something_and_have_a_study_and_a_page():
     for path in RESULTS.glob("*/studies/*"):
         study = path.name.split(".")[0]
         assert (ROOT / "tests" / "studies" / f"{study}.py").is_file(), f"{path}: no study"
-        assert f"\n## {study}: " in TEXTS["results/STUDIES.md"], f"{study}: what was found?"
+        assert f"\n## {study}: " in TEXTS["results/README.md"], f"{study}: what was found?"
     for path in RESULTS.rglob("*.png"):
         check_picture(path)
     for path in RESULTS.rglob("*.gif"):

@@ -124,7 +124,7 @@ def main_of(script, monkeypatch, *arguments):
 @pytest.mark.slow
 def test_the_pendulum_learns_with_a_student_s_own_stage(tmp_path):
     (tmp_path / "04_ppo.py").write_text("raise SystemExit('of mine')")
-    pendulum = ROOT / "tests" / "exercises" / "starters" / "pendulum.py"
+    pendulum = ROOT / "tests" / "course" / "starters" / "pendulum.py"
     assert "of mine" in python(pendulum, "--stages", tmp_path).stderr, (
         "it runs the stage of the root"
     )
@@ -200,7 +200,7 @@ def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
         names[name]()
 
 
-NOTEBOOK = json.loads((ROOT / "tests/exercises/notebook.ipynb").read_text("utf-8"))
+NOTEBOOK = json.loads((ROOT / "tests/course/notebook.ipynb").read_text("utf-8"))
 CELLS = ["".join(cell["source"]) for cell in NOTEBOOK["cells"] if cell["cell_type"] == "code"]
 
 
@@ -256,8 +256,8 @@ def test_wrong_values_get_one_clear_line(tmp_path, monkeypatch, capfd, script, a
 
 
 STAGES = sorted(path.name for path in ROOT.glob("0*.py"))
-PAGES = "README.md", "results/STUDIES.md", "results/pymunk/README.md", "results/mujoco/README.md"
-PAGES += "tests/README.md", "tests/exercises/course.md", "tests/exercises/notebook.ipynb"
+PAGES = "README.md", "results/README.md", "results/pymunk/README.md", "results/mujoco/README.md"
+PAGES += "tests/README.md", "tests/course/README.md", "tests/course/notebook.ipynb"
 
 
 @pytest.mark.parametrize("page", [*STAGES, *PAGES])
@@ -277,7 +277,7 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page, monkeypatch, 
 
 
 # ------------------------------------------------------------------------ numbers of the course
-PREDICT = "tests/exercises/predict.py"
+PREDICT = "tests/course/predict.py"
 
 
 def told(name):
@@ -301,7 +301,7 @@ def numbers(line):
     [
         ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco"], 0.0011),
         ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
-        ("sway", ["tests/exercises/predict.py sway --mujoco"], 0.005),
+        ("sway", ["tests/course/predict.py sway --mujoco"], 0.005),
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
     ],
     ids=str,

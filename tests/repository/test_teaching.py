@@ -6,7 +6,7 @@ import pytest
 import sheet
 from workbook import BOOK
 
-PAGE = (sheet.ROOT / "tests" / "exercises" / "teaching.md").read_text("utf-8")
+PAGE = (sheet.ROOT / "tests" / "course" / "teaching.md").read_text("utf-8")
 ROWS = [line.strip("| ").split(" | ") for line in re.findall(r"^\| \d+ .*", PAGE, re.MULTILINE)]
 HAND_IN = {week: cells[1] for week, *cells in ROWS[:12]}  # in class, hand in
 SHEETS = {week: cells for week, *cells in ROWS[12:]}  # --only, -k, stars of pytest, more stars

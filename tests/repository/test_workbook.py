@@ -24,7 +24,7 @@ from workbook import BOOK
 
 ROOT = sheet.ROOT
 FOLDER = Path(sheet.__file__).parent
-README = (FOLDER / "README.md").read_text("utf-8")
+EXERCISES = (FOLDER / "exercises.md").read_text("utf-8")
 TEACHING = (FOLDER / "teaching.md").read_text("utf-8")
 
 
@@ -41,12 +41,12 @@ def last_words(done):
 
 
 def test_readme_and_list_agree():
-    heads = re.findall(r"^#### (\w+) (★+) (\d+) minutes$", README, re.MULTILINE)
+    heads = re.findall(r"^#### (\w+) (★+) (\d+) minutes$", EXERCISES, re.MULTILINE)
     assert heads == [(name, "★" * row.stars, str(row.minutes)) for name, row in BOOK.items()], (
-        "tests/exercises/README.md: #### name, stars, minutes in the order of workbook.py"
+        "tests/course/exercises.md: #### name, stars, minutes in the order of workbook.py"
     )
     place = ""
-    for part in re.split(r"^(?=###)", README, flags=re.MULTILINE):
+    for part in re.split(r"^(?=###)", EXERCISES, flags=re.MULTILINE):
         place = (re.findall(r"^### .*`(\w+)\.py`$", part, re.MULTILINE) or [place])[0]
         if part.startswith("#### "):
             row = BOOK[part.split()[1]]
@@ -171,7 +171,9 @@ def submission(folder, **bodies):
 
 @pytest.mark.slow
 def test_the_sheet_of_a_lesson_has_its_exercises_and_its_studies_run(tmp_path, monkeypatch, capsys):
-    assert sheet.lesson(3) == ["quintic", "swing"], "course.md; the first time without (build.knot)"
+    assert sheet.lesson(3) == ["quintic", "swing"], (
+        "the course; the first time without (build.knot)"
+    )
     for number, study in (4, "walk.py"), (10, "search.py"):
         folder = tmp_path / study
         main_of("sheet.py", monkeypatch, "--lesson", number, "--out", folder)
@@ -217,7 +219,7 @@ def test_a_submission_of_few_files_is_graded_from_any_folder(tmp_path):
     for says in (
         r"wrap ★: 0 of \d tests pass\n  - wrap is not written yet\n",
         r"compose ★: 0 of \d tests pass\n  - first turn the pose .*\n"
-        r"  Hints: tests/exercises/README.md, exercise \"compose\"\n",
+        r"  Hints: tests/course/exercises.md, exercise \"compose\"\n",
         r"fallen ★: 0 of \d tests pass\n",  # who skips gets no stars
         r"link_frames ★★: solved",
         r"quintic ★★: not handed in, there is no 02_walk_engine.py\n",
@@ -307,7 +309,7 @@ def test_who_tests_in_several_processes_gets_the_same_grades(tmp_path):
     assert "dan: 1 of 3 exercises solved, 2 of 4 stars" in words, words
     run = f"{folder.as_posix()}/05_evaluate.py --"
     assert words.count("Run your own code: python ") == words.count(run) == 1, (
-        "lesson 9 of course.md"
+        "lesson 9 of the course"
     )
 
 
@@ -316,7 +318,7 @@ def test_a_solved_exercise_has_a_command_that_runs_it(tmp_path):
     for name in BOOK:
         (told, *others) = grading.own_code([name], tmp_path)
         assert told.startswith("python ") and not others, (
-            f"{name}: course.md has it in no lesson, or two"
+            f"{name}: the course has it in no lesson, or two"
         )
         assert tmp_path.as_posix() in told, told
     assert "04_ppo.py --quick" in next(grading.own_code(["improve"], tmp_path))
@@ -381,9 +383,9 @@ def test_every_exercise_has_right_solutions_in_other_ways():
 
 
 def needs(name, known=frozenset()):
-    """The exercise, all that it needs by README.md, and all that those need."""
+    """The exercise, all that it needs by exercises.md, and all that those need."""
     known = known | {name}
-    part = README.split(f"\n#### {name} ")[1].split("\n#### ")[0]
+    part = EXERCISES.split(f"\n#### {name} ")[1].split("\n#### ")[0]
     for said in re.findall(r"\bNeeds\b[^:.]*:\s([^.;]+)", part):
         for word in re.findall(r"\w+", said):
             if word in BOOK and word not in known:
@@ -395,7 +397,7 @@ def needs(name, known=frozenset()):
 def test_an_exercise_passes_and_needs_no_more_than_readme_says():
     results = graded([emptied(BOOK.keys() - needs(name), name) for name in BOOK])
     problems = [
-        f"{name}: README.md says it needs {sorted(needs(name) - {name})}, but {said}"
+        f"{name}: exercises.md says it needs {sorted(needs(name) - {name})}, but {said}"
         for name, said in zip(BOOK, results)
         if said
     ]

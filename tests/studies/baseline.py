@@ -4,7 +4,7 @@
 
 paper: the paper's baseline, with which the others are compared.
 baseline_tuned: the same controller, but both feet share its steps.
-expert: `tests/exercises/expert.py`.
+expert: `tests/studies/expert.py`.
 policy: the trained policies on the same walks. The figure shows times and falls of all.
 
 An evolution strategy (`common.cma_es`) searches the logarithms of eight settings. Each search may
@@ -16,15 +16,10 @@ the fewest points is taken; so is the policy to be shipped. If none keeps it, *s
 count; if none falls so seldom, all of them count.
 """
 
-import sys
-
 import common
-import numpy as np
-from common import ROOT, evaluate, ppo
-
-sys.path.append(str(ROOT / "tests" / "exercises"))
 import expert
-import judge
+import numpy as np
+from common import evaluate, ppo
 
 DURATION = "on one core: two hours; 3-D: three and a half hours"
 RESTARTS, BUDGET = 3, ppo.STEPS  # searches, and the double steps of each
@@ -89,7 +84,7 @@ def keeps(row, stays=STAYS):
 
 def points(row):
     """Those of the contest, from a planner's facts: seconds; a fall and a time-out have a price."""
-    price = judge.PER_FALL * row["fall"] + judge.PER_TIMEOUT * row["timeout"]
+    price = common.PER_FALL * row["fall"] + common.PER_TIMEOUT * row["timeout"]
     return np.inf if row["time"] is None else row["time"] + price
 
 

@@ -55,6 +55,8 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "walk.tune": "Each point: the mean of the 12 candidates of a generation, in worlds of its own. "
     "Look at how much chance is in one generation, and whether a curve still goes down at its end.",
 }
+PER_FALL = 200  # [s] points of a contest per share of the walks
+PER_TIMEOUT = 100  # the same
 CANDIDATES = 12  # in a generation of a search
 PER_SET = 500  # robots of a world, so goals in a set
 STD = {False: env.Task().goal_std_m, True: env.Task().far_std_m}  # [m] of near and of far goals
@@ -233,7 +235,7 @@ def opponents(sim):
     """The best two planners that do not learn, by name."""
     return {
         "baseline_tuned": evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim]),
-        "expert": evaluate.load_planner(ROOT / "tests" / "exercises" / "expert.py"),
+        "expert": evaluate.load_planner(ROOT / "tests" / "studies" / "expert.py"),
     }
 
 
@@ -483,7 +485,7 @@ def pages():
     steps = read_json(RESULTS / "mujoco" / "studies" / "kicks.json")["steps"]["rows"]
     marked = [
         (ROOT / "README.md", "result", planners_table(rows)),
-        (RESULTS / "STUDIES.md", "answers", import_module("kicks").answers_table(steps)),
+        (RESULTS / "README.md", "answers", import_module("kicks").answers_table(steps)),
     ]
     for path in RESULTS.glob("*/evaluation.json"):
         evaluation = read_json(path)

@@ -219,7 +219,7 @@ def plot(found, sim):
 
 
 def answers_table(rows):
-    """STUDIES.md's table of the answers to a push, from the rows of `steps`."""
+    """The table of results/README.md of the answers to a push, from the rows of `steps`."""
     lines = []
     for answer in ANSWERS:
         lines.append({"answer": answer})

@@ -23,7 +23,7 @@ import numpy as np
 import walk
 from common import env, evaluate, ppo, robot_model, values, walk_engine
 
-sys.path.append(str(common.ROOT / "tests" / "exercises" / "starters"))
+sys.path.append(str(common.ROOT / "tests" / "course" / "starters"))
 import pendulum
 
 torch = ppo.torch

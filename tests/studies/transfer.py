@@ -38,7 +38,7 @@ import seeds
 from bullet import BulletSim
 from common import env, robot_model, walk_engine
 
-sys.path.append(str(common.ROOT / "tests" / "exercises" / "starters"))
+sys.path.append(str(common.ROOT / "tests" / "course" / "starters"))
 import op3
 
 InputError = robot_model.InputError
@@ -187,7 +187,7 @@ def study_zeros(args):
 
 
 def study_op3(args):
-    """Another robot with a walk of its own: `tests/exercises/starters/op3.py`."""
+    """Another robot with a walk of its own: `tests/course/starters/op3.py`."""
     if args.brief:
         return print("OP3 is left out: --brief")
     other = {"robot": op3.ROBOT, "walk": op3.WALK, "limits": op3.LIMITS}

@@ -1,6 +1,6 @@
 """Starter for "Another robot": ROBOTIS OP3, 3.1 kg, legs of 0.22 m; it walks to goals as ours does.
 
-    python 05_evaluate.py --mujoco --noise --episodes 100 --robot tests/exercises/starters/op3.py
+    python 05_evaluate.py --mujoco --noise --episodes 100 --robot tests/course/starters/op3.py
 
 A file for --robot defines ROBOT, WALK and LIMITS. Nothing is trained: stage 5's policy plans steps
 for a robot that it has never seen. The numbers are those of robotis_op3/op3.xml in

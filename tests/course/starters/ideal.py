@@ -1,6 +1,6 @@
 """No physics: the robot moves exactly as planned, so nothing can fall here. PPO learns in seconds.
 
-    python tests/exercises/starters/ideal.py
+    python tests/course/starters/ideal.py
 
 Trains 16,000 double steps with the settings of the 3-D robot and evaluates 200 goals, with noise.
 """

@@ -1,7 +1,7 @@
 """The contest of projects.md: a leaderboard of planners' files.
 
-    python tests/exercises/judge.py submissions/ --seed 417 418     all .py files of a folder
-    python tests/exercises/judge.py ada.py bob.py --seed 417 418
+    python tests/course/judge.py submissions/ --seed 417 418     all .py files of a folder
+    python tests/course/judge.py ada.py bob.py --seed 417 418
 
 With each planner the robots walk in 3-D to the same 500 near and 500 far goals of every seed, with
 noise, and to the far ones again with pushes of 0.4 m/s. `policy` and `baseline_tuned` take part in
@@ -44,8 +44,6 @@ FIELD = {
     "policy": ROOT / "results" / "mujoco" / "policy.pt",
     "baseline_tuned": ROOT / "05_evaluate.py",
 }
-PER_FALL = 200  # [s] per share of the walks
-PER_TIMEOUT = 100  # the same
 STAYS = 0.7  # least share of the successes that is still there
 OUT = "disqualified"  # instead of a place
 WALKS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far?, pushes [m/s]; the last does not count
@@ -61,7 +59,7 @@ def points(rows, trials=slice(None)):
     for row in rows:
         outcome, seconds = map(np.array, row["walks"])
         reached = outcome == "success"
-        price = PER_FALL * (outcome == "fall") + PER_TIMEOUT * (outcome == "timeout")
+        price = common.PER_FALL * (outcome == "fall") + common.PER_TIMEOUT * (outcome == "timeout")
         mean = (seconds * reached)[trials].sum(-1) / np.maximum(reached[trials].sum(-1), 1)
         total = total + (mean + price[trials].mean(-1)) / len(rows)
     return total

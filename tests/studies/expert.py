@@ -1,6 +1,6 @@
 """The planner to beat in the contest: the best one that we can write by hand, without learning.
 
-    python 05_evaluate.py --mujoco --noise --far --planner tests/exercises/expert.py
+    python 05_evaluate.py --mujoco --noise --far --planner tests/studies/expert.py
 
 The planner commands how far the robot moves in a double step, (x, y, turn), and uses four ideas:
 1. Half of the right foot's last step is still to be walked. So the planner takes the goal as seen

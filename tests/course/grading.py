@@ -2,7 +2,7 @@
 folder; an exercise whose file is missing there is "not handed in", and one that was not empty in the
 sheet and is as in the root is "not in this sheet":
 
-    python -m pytest tests --stages=exercises              all of exercises/workbook.py
+    python -m pytest tests --stages=exercises              all of tests/course/workbook.py
     python -m pytest tests --stages=exercises -k gae       this one; or -k "gae or quintic"
 
 FOLDER is looked for where you are, then in the repository's root. From another folder, add the path
@@ -24,7 +24,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from sheet import ROOT, left_out, part  # of tests/exercises
+from sheet import ROOT, left_out, part  # of tests/course
 from workbook import BOOK, graded_by
 
 PATIENCE = 6  # [s] for an import or a test; a sixth for other tests of an exercise that was late
@@ -218,7 +218,7 @@ class Grading:
                 said = {re.sub(r" \((for|got) .*", "", text): text for text in results if text}
                 for text in [*said.values()][:4]:
                     write(f"  - {text}")
-                write(f'  Hints: tests/exercises/README.md, exercise "{name}"')
+                write(f'  Hints: tests/course/exercises.md, exercise "{name}"')
         for told in own_code(solved, self.folder):
             write(f"Run your own code: {told}")
         stars, total = (sum(BOOK[name].stars for name in names) for names in (solved, self.chosen))

@@ -1,4 +1,4 @@
-"""A walk that answers no push by a step, and never waits: for --robot, see lesson 4 of course.md."""
+"""A walk that answers no push by a step, and never waits: for --robot, see lesson 4 of the course."""
 
 import sys
 from dataclasses import replace

@@ -2,10 +2,10 @@
 
 Run from the root of the repository:
 
-    python tests/exercises/predict.py sway --mujoco        how far a walking robot sways
-    python tests/exercises/predict.py circle               the return of walking in a circle
-    python tests/exercises/predict.py concentration        mode and mean of a Beta distribution
-    python tests/exercises/predict.py reflex --mujoco      other gains of the ankles' reflex
+    python tests/course/predict.py sway --mujoco        how far a walking robot sways
+    python tests/course/predict.py circle               the return of walking in a circle
+    python tests/course/predict.py concentration        mode and mean of a Beta distribution
+    python tests/course/predict.py reflex --mujoco      other gains of the ankles' reflex
 """
 
 import sys

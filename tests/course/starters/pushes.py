@@ -1,6 +1,6 @@
 """Starter for "A map of pushes": how strong may a push from the right be, in the third double step?
 
-python tests/exercises/starters/pushes.py      from the root of the project; half a minute
+python tests/course/starters/pushes.py      from the root of the project; half a minute
 """
 
 import sys

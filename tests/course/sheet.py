@@ -1,8 +1,8 @@
 """Clean exercise sheets: copies of the stages in which the functions of workbook.py are empty.
 
-    python tests/exercises/sheet.py                      all of them, into exercises/
-    python tests/exercises/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
-    python tests/exercises/sheet.py --only gae quintic   only these are empty
+    python tests/course/sheet.py                      all of them, into exercises/
+    python tests/course/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
+    python tests/course/sheet.py --only gae quintic   only these are empty
 
 Docstrings stay, and comments on a line of their own. Only --force
 overwrites. The last line of each file tells the grader what was empty in it.
@@ -23,7 +23,7 @@ MARK = "# Empty in this sheet:"
 
 def find(file):
     """The path of a module that has exercises: a stage, one beside this script, or a study."""
-    places = ROOT, ROOT / "tests/exercises", ROOT / "tests/studies"
+    places = ROOT, ROOT / "tests/course", ROOT / "tests/studies"
     return next(path for place in places if (path := place / f"{file}.py").is_file())
 
 
@@ -52,8 +52,8 @@ def left_out(source, exercise):
 
 
 def part(number):
-    """A lesson of course.md."""
-    page = ROOT / "tests/exercises/course.md"
+    """A lesson of the course."""
+    page = ROOT / "tests/course/README.md"
     return page.read_text("utf-8").partition(f"\n## Lesson {number}: ")[2].partition("\n## ")[0]
 
 
@@ -117,7 +117,7 @@ def main():
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     which = parser.add_mutually_exclusive_group()
     which.add_argument("--only", nargs="+", metavar="NAME", help="the functions to be emptied")
-    which.add_argument("--lesson", type=int, help="those of a lesson of course.md")
+    which.add_argument("--lesson", type=int, help="those of a lesson of the course")
     parser.add_argument("--out", type=Path, metavar="FOLDER")
     parser.add_argument("--force", action="store_true", help="overwrite what is there")
     args = parser.parse_args()
@@ -132,7 +132,7 @@ def main():
         out /= f"lesson{args.lesson}"
     out = (args.out or out).resolve()
     if not names:
-        refuse(f"course.md has no lesson {args.lesson} with functions to write")
+        refuse(f"the course has no lesson {args.lesson} with functions to write")
     if unknown := [name for name in names if name not in BOOK]:
         refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
     if out in [find(row.file).parent for row in BOOK.values()]:
@@ -140,7 +140,7 @@ def main():
     for name in BUGS:
         file, _, bug = read_bug(name)
         if "".join(bug.split()) in "".join((ROOT / file).read_text("utf-8").split()):
-            refuse(f"{file} has a bug; take it out: python tests/exercises/debug.py undo {name}")
+            refuse(f"{file} has a bug; take it out: python tests/course/debug.py undo {name}")
     texts = {name: noted(text) for name, text in sheets(names).items()}
     if args.force:  # only the files of the named exercises; others may be solved
         named = {f"{BOOK[name].file}.py" for name in names}

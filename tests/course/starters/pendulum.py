@@ -1,7 +1,7 @@
 """PPO without a robot: the learner of stage 4 swings up a pendulum and holds it.
 
-    python tests/exercises/starters/pendulum.py [--steps N] [--seed S] [--out DIR]
-    python tests/exercises/starters/pendulum.py --stages exercises/lesson8    with your own stage 4
+    python tests/course/starters/pendulum.py [--steps N] [--seed S] [--out DIR]
+    python tests/course/starters/pendulum.py --stages exercises/lesson8    with your own stage 4
 
 Pendulum-v1 of Gymnasium: a rod hangs on a motor that is too weak to lift it at once. An action is
 the motor's torque. Every step costs: most where the rod hangs, nearly nothing where it stands. An

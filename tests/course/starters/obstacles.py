@@ -1,5 +1,5 @@
 """Starter for "Obstacles": one disc, one intermediate goal beside it, chosen by hand. From the root:
-python tests/exercises/starters/obstacles.py"""
+python tests/course/starters/obstacles.py"""
 
 import sys
 from importlib import import_module

@@ -1,8 +1,8 @@
 """Puts a silent bug of debug.md into a stage, takes it out, or says if your test catches it.
 
-    python tests/exercises/debug.py put tired
-    python tests/exercises/debug.py tests/test_mine.py tired
-    python tests/exercises/debug.py undo tired
+    python tests/course/debug.py put tired
+    python tests/course/debug.py tests/test_mine.py tired
+    python tests/course/debug.py undo tired
 
 The second runs your test twice, in a copy of the repository: it must pass without the bug and fail
 with it, by an assertion. Your own files stay as they are, with a bug or without one.
@@ -21,7 +21,7 @@ from pathlib import Path
 from workbook import any_console
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDER = ROOT / "tests" / "exercises" / "bugs"  # a file of text for each
+FOLDER = ROOT / "tests" / "course" / "bugs"  # a file of text for each
 BUGS = sorted(path.stem for path in FOLDER.glob("*.txt"))
 PATIENCE = 300  # [s] for a student's test
 CAUGHT = 6  # exit code of pytest -p debug, if a test fails by an assertion; pytest's own end at 5

@@ -1,5 +1,5 @@
 """The one list of the exercises in which a function is to be written: sheet.py empties it,
-../repository/grading.py grades it, ../repository/test_workbook.py checks that README.md beside this file agrees.
+grading.py grades it, ../repository/test_workbook.py checks that exercises.md agrees.
 """
 
 import sys
