@@ -1,22 +1,20 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
 Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
-II-a, a simulated biped with position-controlled joints. The robot is [6]. Sections and references
-have the paper's numbers. `tests/course/ledger.md` leads from each part of the paper to the code.
+II-a, a simulated biped with position-controlled joints; the robot is [6]. All stages have the
+paper's numbers of sections and references. `tests/course/ledger.md` leads from each part of the
+paper to the code.
 
     python 01_robot_model.py             2-D (pymunk), 5 seconds
     python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
 
 In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it lives in the
-sagittal plane, the one that is seen from its side, and six joints are left: it moves forward and
-up, and stands, slips and falls as the physics says, but sidesteps and turns are as commanded. This
-is the planar robot.
+sagittal plane, the one that is seen from its side, and keeps six of them. This planar robot stands,
+slips and falls as the physics says, but it sidesteps and turns as it is commanded.
 
 101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. What
-is the smallest lean with which one falls? `runs/<sim>/01_robot.png` shows this robot. Predict the
-lean, as `tests/course/predict.md`, *lean*, shows. How fast does a robot tip over? It has a mass
-of 6.1 kg, and its centre of mass is h = 0.38 m above the floor. Were all mass there, a small lean
-would grow e-fold in 1/ω = 0.2 s, ω = √(g/h) = 5.1/s.
+is the smallest lean with which one falls? Predict it (`tests/course/predict.md`, *lean*, shows
+how), run the stage, and look at `runs/<sim>/01_robot.png`: this is how that robot falls.
 
 Read down to the line of equals signs, "the end of a first reading". Below it are the kinematics
 (from joints to places, and back), the control loop, two kinds of physics, drawing, files, and main.
@@ -38,27 +36,8 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
         +--------- x                         y ---------+
       heel ^    ^ toe                          foot_width, foot_outward
 
-    joint of a leg   axis   a positive angle
-    hip yaw           z     turns the toes to the left
-    hip roll          x     swings the leg to the left
-    hip pitch         y     swings the leg back
-    knee              y     bends the knee: the shin swings back
-    ankle pitch       y     lowers the toes
-    ankle roll        x     lifts the left edge of the sole
-
-    x, y, z            forward, left, up [m]
-    angles             [rad], positive by the right-hand rule: the thumb points along the axis
-    roll, pitch, yaw   positive: the torso leans to the right, leans forward, turns to the left
-    joints             of the left leg first, then of the right one, each in the table's order
-    trunk, torso       the same part: trunk where it is commanded to be, torso where it truly is
-    tick               10 ms of control: every motor gets a new target
-    [N, n, k, …]       shapes: N all robots; n some of them; k those whose double step is not done
-    [T, K, S, …]       T ticks; K moments; S double steps
-    robots, rows       which of all N robots; which rows of an array [n, …]
-
-The robot measures the angles of its joints and, with an IMU (inertial measurement unit), the
-torso's tilt and turning rates. Left out: all other sensors, arms and head (their mass is in the
-torso), gear play. Only the soles can touch anything.
+Left out: all sensors but those of the joints and the IMU (inertial measurement unit), gear play,
+arms and head (their mass is in the torso). Only the soles can touch anything.
 
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
     Competitions.
@@ -80,11 +59,26 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
+# x, y, z            forward, left, up [m]
+# roll, pitch, yaw   [rad] about x, y, z by the right-hand rule (the thumb points along the axis): the
+#                    torso leans to the right, leans forward, turns to the left
+# trunk, torso       the same part: trunk where it is commanded to be, torso where it truly is
+# tick               10 ms of control: every motor gets a new target
+# [N, n, k, …]       shapes: N all robots; n some of them; k those whose double step is not done
+# [T, K, S, …]       T ticks; K moments; S double steps
+# robots, rows       which of all N robots; which rows of an array [n, …]
 LEFT, RIGHT = 0, 1
-COLORS = ("tab:blue", "tab:orange")  # of the left and of the right foot
-JOINTS = ("hip yaw", "hip roll", "hip pitch", "knee", "ankle pitch", "ankle roll")  # of a leg
+COLORS = "tab:blue", "tab:orange"  # of the left and of the right foot
+JOINTS = (  # of a leg; of twelve joints the left leg's are the first
+    "hip yaw",  # about z; a positive angle turns the toes to the left
+    "hip roll",  # about x; swings the leg to the left
+    "hip pitch",  # about y; swings the leg back
+    "knee",  # about y; bends the knee: the shin swings back
+    "ankle pitch",  # about y; lowers the toes
+    "ankle roll",  # about x; lifts the left edge of the sole
+)
 SAGITTAL = [2, 3, 4, 8, 9, 10]  # the six of twelve joints that the planar robot has
-# The numbers of a pose in stages 1 and 2, in [m] and [rad]:
+# The numbers of a pose in stages 1 and 2:
 #   torso, trunk          [6]     x, y, z, roll, pitch, yaw
 #   state                 [21]    torso; twelve joints; rates of roll, pitch, yaw [rad/s]
 #   foot on the floor     [3]     x, y, yaw
@@ -103,18 +97,17 @@ YAW_RATE = 20
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body. `com` is seen from the joint above (torso: from its frame). The y of a leg's
-    link points outward, away from the other leg."""
+    """A rigid body."""
 
     mass: float  # [kg]
-    com: tuple  # [m] centre of mass (x, y, z)
+    # [m] centre of mass (x, y, z), seen from the joint above; of a leg's link y points outward
+    com: tuple
     inertia: tuple  # [kg m²] about the centre of mass (x, y, z)
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise. This
-    is a table to look things up."""
+    """Wolfgang-OP, simplified; as in its public model of 2024-10 unless a line says otherwise."""
 
     # Masses, centres of mass, the torso's inertia: public model; arms as carried in a walk, the
     # left leg. Other inertias: our estimates for the merged parts.
@@ -171,7 +164,7 @@ ROBOT = RobotModel()
 
 class Trajectory:
     """Joint targets of n robots for T control ticks, whatever the robots measure (open loop). The
-    plans of stage 2 have the same interface, and answer what is measured (closed loop)."""
+    plans of stage 2 look the same from outside, and answer what is measured (closed loop)."""
 
     def __init__(self, joints):
         self.joints = joints  # [n, T + 1, 12] [rad] sample t: after t ticks; sample 0: the stance
@@ -230,9 +223,8 @@ def relative(base, pose):
 
 # ------------------------------------------------------------------------ to stand and to fall
 def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_offset=0.0):
-    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin, its
-    soles `robot.sink` below the floor. The trunk is `x_offset` [m] ahead of the feet. (Stage 2
-    passes values of its own.)"""
+    """Torso's pose [6] and joints [12] of a robot that stands with its torso above the origin,
+    `x_offset` [m] ahead of its feet, and its soles `robot.sink` below the floor."""
     trunk = np.array([0, 0, height, 0, pitch, 0])
     feet = np.array([[-x_offset, y, 0, 0] for y in (foot_distance / 2, -foot_distance / 2)])
     joints = joints_for_feet(robot, trunk, feet, planar)
@@ -805,7 +797,7 @@ class PymunkSim(Simulator):
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
 PROCESS = os.getpid()  # that has imported this file
-CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+CORES = getattr(os, "process_cpu_count", os.cpu_count)()  # from Python 3.13 on: those allowed
 
 
 # ------------------------------------------------------------------------ drawing
@@ -813,7 +805,6 @@ CORES = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os
 UPPER_BODY = (
     ([[0, 0, 0.05], [0, 0, 0.24]], "0.8", 0.085),  # trunk
     ([[0, 0, 0.36], [0, 0, 0.36]], "0.88", 0.055),  # head
-    ([[0.05, 0, 0.36], [0.08, 0, 0.36]], "0.3", 0.016),  # nose
 )
 
 
@@ -851,7 +842,7 @@ def draw_robots(axes, robot, torso, joints, camera):
         for ends, color, radius in sorted(lines, key=lambda line: (line[0] @ camera[0]).max()):
             color = 1 - (1 - np.array(to_rgb(color))) * k / len(torso)
             outline = capsule(*(ends @ camera[1:].T), radius)  # right, up
-            axes.fill(*outline.T, color=color, ec=color / 2, lw=0.6)
+            axes.fill(*outline.T, color=color, ec=color / 2)
 
 
 def draw_ground(axes, camera, size):
@@ -859,7 +850,7 @@ def draw_ground(axes, camera, size):
     side = [-size, size]
     for u in np.arange(-size, size + 0.01, 0.25):
         for line in ([u, u], side), (side, [u, u]):  # x, y of both ends
-            axes.plot(*(camera[1:, :2] @ line), color="0.88", lw=0.8, zorder=0)
+            axes.plot(*(camera[1:, :2] @ line), color="0.88", zorder=0)
     axes.set_aspect("equal")
     axes.axis("off")
 
@@ -931,6 +922,8 @@ STYLE = {
     "legend.labelcolor": "linecolor",
     "axes.grid": True,
     "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
     "figure.constrained_layout.use": True,
     "axes.formatter.min_exponent": 3,  # 40, not 4 × 10¹, on a logarithmic axis
 }
@@ -972,9 +965,7 @@ def main():
     robots = np.arange(len(leans))
     sim.reset(robots)
     motion = sim.run(robots, Trajectory(targets))
-    i = motion.fell.argmax()  # the first one that fell; 0 also if none did
-    if i == 0:
-        raise InputError("the first robot falls, or none does: change the range of `leans`")
+    i = motion.fell.argmax()  # the first one that fell
     print(f"the smallest lean of a fall: {leans[i]:.3f} rad")
     down = fallen(motion.torso[i], torso[HEIGHT]).argmax()  # [ticks] when the fall counts
     moments = [0, *range(down - 50, down + 1, 10)]  # seven, at first it stands

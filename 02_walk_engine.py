@@ -3,40 +3,24 @@
     python 02_walk_engine.py             a plan, four walks, pushes in 2-D; 4 seconds
     python 02_walk_engine.py --mujoco    the same in 3-D
 
-We use the walk engine of the paper, [5]. The swing foot and the trunk move along quintic splines:
-polynomials of degree 5, joined so that neither speed nor acceleration jumps, since the motors'
-torques would jump with it. Inverse kinematics turns the poses of feet and trunk into joint angles.
-An optimisation has found most of the parameters.
-
-We add three answers to what the IMU measures, see `WalkPlan`; of these the paper mentions only the
-last, as future work. A reflex moves the ankles. A capture step moves the landing of a foot to where
-the robot leans. Waiting lets a step take longer. In 3-D all three are on. In 2-D the last two gain
-nothing in walks to a goal, so they are off.
+As in the paper the walk engine is that of [5]: the swing foot and the trunk move along quintic
+splines, and inverse kinematics turns their poses into joint angles. We add three answers to what
+the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down where
+the robot leans, and steps that wait. Of these the paper mentions only the last, as future work. In
+2-D the last two gain nothing in walks to a goal, so they are off.
 
 A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
-its usual place beside the support foot. y and yaw are positive outward.
+its usual place beside the support foot. y and yaw are positive outward. All zeros step on the
+spot.
 
-    left foot      right foot     the robot
-    (0, 0, 0)      (0, 0, 0)      steps on the spot
-    (0, 0.06, 0)   (0, 0, 0)      moves 0.06 m to the left
-    (0.08, 0, 0)   (0.08, 0, 0)   moves 0.16 m ahead: each foot lands 0.08 m ahead of the other one
-
-The stage prints, for four walks of eight double steps, where the robot was commanded to end and
-where it ended. The planar robot misses this by up to 1.4 cm, the robot in 3-D by up to 0.14 m and
-0.17 rad, and a planner has to correct this. `runs/<sim>/02_plan.png` shows the second double step
-of a walk. In 3-D all of the robot is 2 cm beside its plan, because the first one has drifted, and
-the feet rise 6 to 8 mm less than planned: motors are springs, which back-EMF and dry friction hold
-back, and the torso sinks by up to 5 mm.
-
-Then the stage pushes twelve walking robots forward, each at another moment of the double step. They
-walk three times: without any answer (in open loop), with the reflex, with capture steps, too
-(`02_push.png`). How many fall each time? Guess this, and how far the robot sways from side to side:
-`tests/course/predict.md`, *capture* and *sway*, has the answers.
+The stage prints where four walks should end, and where they do. Which one goes farthest astray? A
+planner has to correct this. Then it pushes twelve walking robots, each at another moment of the
+double step. How many fall without any answer (in open loop), with the reflex, with capture steps,
+too? Guess (`tests/course/predict.md`, *capture*), then look at `runs/<sim>/02_push.png`.
 
 Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
-paths, the three answers to a push, and the code that walks, prints and draws. Nothing is random
-here. `python tests/studies/walk.py` measures the walk on other floors and with other bodies.
+paths, the answers to a push, and the code that walks and draws.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -86,8 +70,8 @@ MIRROR = np.array([[1, 1, 1], [1, -1, -1]])  # footsteps of the left and of the 
 
 # ------------------------------------------------------------------------ the engine
 class WalkEngine:
-    """Plans double steps of N robots. It stores the commanded feet and trunk of every robot.
-    All poses are seen from one fixed frame: the middle between the feet after a reset."""
+    """Plans double steps of N robots, and stores their commanded feet and trunks, seen from one
+    fixed frame: the middle between the feet after a reset."""
 
     def __init__(self, num_robots, parameters, robot=robot_model.ROBOT, planar=False):
         p = self.parameters = parameters
@@ -131,7 +115,9 @@ class WalkEngine:
         """The WalkPlan of the next double step of these robots [n]. The engine counts it as done:
         the next plan begins where this one ends, wherever the robot then is.
 
-        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive.
+        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive; for example
+            (0, 0.06, 0)   (0, 0, 0)      0.06 m to the left
+            (0.08, 0, 0)   (0.08, 0, 0)   0.16 m ahead: each foot lands 0.08 m ahead of the other
 
             time   0 · · · · · · · · change · · · · · · period · · · · · · ·
             left   |both|   swing    |       support       |
@@ -260,7 +246,8 @@ TUNED = {
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
     """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
-    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]."""
+    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]. Where such
+    curves are joined no acceleration jumps, and with it no torque of a motor."""
     p0, v0, a0 = np.moveaxis(start, -1, 0)
     p1, v1, a1 = np.moveaxis(end, -1, 0)
     D = duration
@@ -269,7 +256,7 @@ def quintic(start, end, duration):
     v = v1 - v0 - a0 * D
     a = a1 - a0
     # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
-    # To check this put D = 1. The rows below, halved, are the inverse of (1, 1, 1), (3, 4, 5),
+    # So for D = 1 the matrix from p, v, a to c₃, c₄, c₅ is the inverse of (1, 1, 1), (3, 4, 5),
     # (6, 12, 20).
     c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
     c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
@@ -452,11 +439,10 @@ WALKS = {  # eight double steps each
 
 
 def pushed(sim, parameters, speed, count=12):
-    """Lets robots walk straight ahead for ten double steps, and pushes each of them once.
-    The push, see `push_force`, is forward, by this speed [m/s], and comes in the second double step
-    at a moment of the robot's own. Returns the tilts of every torso to the end of the walk, or of
-    the double step in which it fell, `count` lists of T numbers [rad], and which robots fell
-    [count]. T differs from robot to robot."""
+    """Lets robots walk straight ahead for ten double steps, and pushes each of them forward, by
+    this speed [m/s] (see `push_force`), once in the second double step. Returns the tilt of every
+    torso in every tick until its walk ended, `count` lists of numbers [rad], and which robots fell
+    [count]."""
     tilts = [[] for _ in range(count)]
     force = push_force(robot_model.ROBOT, speed)
     moments = np.linspace(0, 2 * parameters.step_ticks - PUSH_TICKS, count).astype(int)
@@ -477,25 +463,26 @@ def pushed(sim, parameters, speed, count=12):
 
 
 def plot_push(pushes, engine, path):
-    """Draws the tilt of all robots over time, to a fall at 45°, a panel for each answer; pushes:
-    what `pushed` returns, by the answer's name; engine: of robots that walked like these."""
+    """Draws the tilt of all robots over time, a panel for each answer; pushes: what `pushed`
+    returns, by the answer's name; engine: of robots that walked like these."""
     panels = Figure(figsize=(9, 3.6)).subplots(1, len(pushes), sharey=True)
     for panel, (name, (tilts, fell)) in zip(panels, pushes.items()):
         panel.axvspan(engine.period, 2 * engine.period, color="0.9")
-        panel.axhspan(45, 50, color="lightpink")
         for tilt, color in zip(tilts, np.where(fell, "tab:red", "0.5")):
             degrees = np.degrees(tilt)
             degrees = degrees[np.maximum.accumulate(degrees) < 45]  # what follows is no walk
             panel.plot(np.arange(len(degrees)) * engine.robot.control_dt, degrees, color=color)
         panel.set_title(f"{name}:\n{fell.sum()} of {len(fell)} fall")
         panel.set_xlabel("time [s], grey: pushes")
-        panel.text(0, 46, "fallen: 45°")
-    panels[0].set_ylabel("tilt of the torso [°]")
+    panels[0].set_ylabel("tilt of the torso [°], to a fall at 45°")
     robot_model.save_figure(panels[0].figure, path)
 
 
 def plot_plan(engine, plan, motion, path):
-    """Draws a robot's double step over time: feet and trunk, planned and simulated."""
+    """Draws a robot's double step over time: feet and trunk, planned and simulated. Where do they
+    differ? In 3-D all of the robot is 2 cm beside its plan, because its first double step drifted.
+    The feet rise 6 to 8 mm less than planned: motors are springs, which back-EMF and dry friction
+    hold back, and the torso sinks by up to 5 mm."""
     robot = engine.robot
     # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)
@@ -517,7 +504,7 @@ def plot_plan(engine, plan, motion, path):
     axes[2].set_ylim(-0.01, 0.05)
     names = "left foot", "right foot", "trunk (plan), torso (simulated)"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle("Solid: the plan. Dashed: simulated (in 2-D both legs stay below the hips)")
+    figure.suptitle("Solid: plan. Dashed: simulated" + engine.planar * ", legs below the hips")
     robot_model.save_figure(figure, path)
 
 

@@ -1,43 +1,28 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. One action is one double step. The robot is at the goal if two double
-steps in a row end there; in the paper one is enough.
+Paper: section II a, b, d, e. Our copy has lost Table I and Fig. 2, with the formulas of the reward
+and the encoding of the observation. So these are our choice, and so is how widely goals and errors
+vary. One action is one double step. The robot is at the goal if two double steps in a row end
+there; in the paper one is enough.
 
     python 03_env.py             a random planner, then a hand-written one, in 2-D; 10 seconds
     python 03_env.py --mujoco    the same in 3-D
 
-Both planners get the goals without noise; the right panel of `runs/<sim>/03_rewards.png` is about
-noisy goals. Predict, then look:
+Predict, then look at what is printed (1) and at `runs/<sim>/03_rewards.png` (2):
 
-1. A table is printed of what each of the eight reward terms (`reward_terms`) pays a robot with the
-   hand-written planner in 60 double steps, about five episodes. Which two have the largest positive
-   sums, and which have negative sums?
-2. A measured x or y has an error with a standard deviation of 5 cm. Let the robot stand still, and
-   each measurement have an error of its own. How large is the standard deviation of an estimate
-   from one measurement, from five, from ten? How large is it while the robot walks?
+1. In 60 double steps, about five episodes, each of eight reward terms (`reward_terms`) pays a robot
+   with the hand-written planner something. Which two pay most, and which cost?
+2. A measured x or y of the goal is off by 5 cm (standard deviation). How exact is an estimate from
+   one measurement, from five, from ten, while the robot stands, and while it walks?
 
-A planner chooses the actions. A policy is a planner that is learned: a function from the
-observation to an action. An episode is one walk. At the goal, or after a fall, the task is over:
-the episode is terminated. When only the time is up, the walk could go on: the episode is truncated.
-Stage 4 must tell these two apart.
+A planner chooses the actions; a policy is a planner that is learned. An episode is one walk. At the
+goal, or after a fall, the task is over: the episode is terminated. When only the time is up, the
+walk could go on: the episode is truncated. Stage 4 must tell these two apart.
 
-`FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` gives it the interface of
-`gymnasium.vector.VectorEnv`, for PPO in stage 4. `FootstepEnv` ("03_env:Footsteps-v0") has one
-robot and the interface of `gymnasium.Env`. All settings are arguments of all three.
-
-Our copy of the paper has lost its Table I and Fig. 2, with the formulas of the reward and the
-encoding of the observation. So these are our choice, and so is how widely goals and errors vary,
-which the paper does not say. We add four rewards: of a fall, the goal, rest and time. Floor and
-body are random in every episode (`Spread`: domain randomization). The robot is pushed, if you ask
-for it. An estimate of the goal combines all noisy measurements so far, in the same way for every
-planner (`predict`, `correct`). Who knows what:
-
-    policy, critic      the estimate of the goal, the last action: OBSERVATION
-    another planner     the same, the goal unclipped, step limits, period, neutral action: `View`
-    estimate            noisy measurements of the goal, and the planned motion of a double step
-    robot's computer    the planned double step; roll, pitch and their rates, with errors
-    reward              the true pose, the goal, a fall, the time, actions, where the feet should be
-    nobody              floor, masses, motors, delays, wrong zeros of joints, coming pushes
+`FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` and `FootstepEnv` give it the
+interfaces of Gymnasium, for N robots and for one. Floor and body are random in every episode
+(`Spread`), and the robot is pushed if you ask for it. With noise, an estimate of the goal combines
+all measurements so far (`predict`, `correct`).
 
 Read down to the line of equals signs.
 """
@@ -52,7 +37,6 @@ from importlib import import_module
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector.utils import batch_space
-from tqdm import tqdm
 
 robot_model = import_module("01_robot_model")
 walk_engine = import_module("02_walk_engine")
@@ -129,6 +113,13 @@ OBSERVATION = [
 ]
 
 
+# Who knows what:
+#   policy, critic     the estimate of the goal, the last action: OBSERVATION
+#   another planner    the same, the goal unclipped, step limits, period, neutral action: `View`
+#   estimate           noisy measurements of the goal, and the planned motion of a double step
+#   robot's computer   the planned double step; roll, pitch and their rates, with errors
+#   reward             the true pose, the goal, a fall, the time, actions, where the feet should be
+#   nobody             floor, masses, motors, delays, wrong zeros of joints, coming pushes
 @dataclass(frozen=True)
 class View:
     """What a planner may use for n robots; all of it is copied."""
@@ -150,10 +141,9 @@ def polar(goal):
 
 
 def count_in_a_row(after, fall, so_far, task):
-    """How many double steps in a row, [n], have now ended at the goal. It is reached when these are
-    as many as `in_a_row` of the task.
-
-    after [n, 3]: the goal seen from the robot; fall [n] bool; so_far [n]: the count before."""
+    """How many double steps in a row, [n], have now ended at the goal. (`Task.in_a_row` of them are
+    a success.) after [n, 3]: the goal seen from the robot; fall [n] bool; so_far [n]: the count
+    before."""
     d, alpha, _ = polar(after)
     inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad)
     return np.where(inside & ~fall, so_far + 1, 0)  # whoever falls is not at the goal
@@ -183,8 +173,7 @@ def potentials(goal, near_m):
     # near(d) = exp(−(d / near_m)²): 1 at the goal, 0 far from it
     near = np.exp(-((d / near_m) ** 2))
     # Φ_d = −d,   Φ_a = −|α|·near(d),   Φ_o = −|β|·(1 − near(d))
-    # So a robot that comes near with a wrong yaw loses something at first, and its turn earns it
-    # back.
+    # (Who comes near with a wrong yaw loses something at first, and earns it back by turning.)
     return np.stack([-d, -np.abs(alpha) * near, -np.abs(beta) * (1 - near)])
 
 
@@ -202,21 +191,25 @@ def margin_at_rest(after, closing_step, task):
 def reward_terms(
     before, after, action, last_action, fall, success, task=Task(), periods=1, margin=0
 ):
-    """The scaled reward terms by name, each [n]; their sum is the reward. Costs are negative: those
-    of a fall, of time, and of a change of the steps.
+    """The scaled reward terms by name, each [n]; their sum is the reward. All formulas are ours.
+
+        r_d, r_a, r_o   s·(Φ′ − Φ) with s_d, s_a, s_o of the task: `potentials` after the double
+                        step minus those before it
+        r_c             −s_c·Σ (action − last action)²
+        r_fall          −s_fall, of a fall
+        r_goal          s_goal, of a success
+        r_time          −s_time·periods
+        r_stay          s_stay·margin, of a success
 
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
-    [0, 1]; periods [n]: how long it took, in usual double steps; margin [n]: see `margin_at_rest`.
+    [0, 1]; fall, success [n] bool; periods [n]: how long the double step took, in usual ones;
+    margin [n]: see `margin_at_rest`.
 
-    All formulas are ours. Distance, angle and orientation pay for progress, Φ′ − Φ: the potential Φ
-    (`potentials`) after the double step minus the one before it. Without a discount all but the
-    ends cancel in the sum over a walk, Σ(Φ_{t+1} − Φ_t) = Φ_T − Φ_0: a detour pays nothing. This
-    holds after a fall, too, so the farther from the goal the robot falls, the less it was paid
-    (Φ_d = −d). With the discount of stage 4 it pays to hurry, and a detour may pay a little
-    (predict.md, *circle*)."""
-    # r_d, r_a, r_o = Φ′ − Φ of `potentials`
+    Without a discount all but the ends cancel in the sum over a walk, Σ(Φ_{t+1} − Φ_t) = Φ_T − Φ_0:
+    a detour pays nothing. This holds after a fall, too, so the farther from the goal the robot
+    falls, the less it was paid (Φ_d = −d). With the discount of stage 4 it pays to hurry, and a
+    detour may pay a little (predict.md, *circle*)."""
     progress = potentials(after, task.near_m) - potentials(before, task.near_m)  # [3, n]
-    # r_c = −Σ (action − last action)²
     change = action - last_action  # [n, 6]
     return {
         "r_d": task.s_d * progress[0],
@@ -311,7 +304,7 @@ class Spread:
     gyro: float = 0.05  # [rad/s] on the constant errors of the rates of roll and pitch
 
     def draw(self, rngs, robot):
-        """The Variation of stage 1 for n robots, one generator each."""
+        """The Variation for n robots, one generator each."""
         variation = robot_model.Variation.as_model(robot, len(rngs))
         for name, size in vars(self).items():
             values = getattr(variation, name)  # [n, …]
@@ -338,18 +331,15 @@ def checked(name, value, *shape):
     return array
 
 
-# A robot's generator makes others in each episode, one for each purpose:
-# goal    where it is                    push   when, and in which direction
-# world   floor and body                 imu    its errors while the robot walks
-# noise   of the measured goal
+# A robot's generator makes others in each episode: for the goal's place, for floor and body, for the
+# noise of the measured goal, for pushes (when, in which direction), and for the errors of the IMU
 Dice = namedtuple("Dice", "goal world noise push imu")
 
 
 class FootstepWorld:
     """N robots and their N goals; call `reset` first. `robots` are the indices [n] of some of them.
     Every robot has a random generator of its own, so N robots together do the same as each of them
-    alone. Floor and body do not depend on the planner. The k-th measurement of a robot has the same
-    noise for all planners."""
+    alone. Floor, body, and the noise of the k-th measurement do not depend on the planner."""
 
     def __init__(
         self,
@@ -366,8 +356,6 @@ class FootstepWorld:
     ):
         if sim not in robot_model.SIMULATORS:
             raise ValueError(f"sim is one of {', '.join(robot_model.SIMULATORS)}, not {sim!r}")
-        if num_robots < 1:
-            raise ValueError(f"a world needs at least one robot, not {num_robots}")
         self.limits = limits or LIMITS[sim]
         self.drift = DRIFT[sim] if drift is None else drift
         self.sim = sim
@@ -524,7 +512,7 @@ class FootstepWorld:
 # ------------------------------------------------------------------------ files of your own
 @contextmanager
 def one_line_if_it_exits(file):
-    """Says in one line which file of a user ends Python, which would end our script in silence."""
+    """Says in one line which file of yours ends Python, and so would end our script in silence."""
     try:
         yield
     except SystemExit as error:
@@ -584,8 +572,8 @@ def draw_shape(axes, pose, outline, camera, **style):
 
 
 def draw_way(axes, world, goal, feet, camera):
-    """Draws the goal [3] and footprints [K, 2, 3] (x, y, yaw of the ankles) on the floor. The goal
-    is a disc as large as the tolerance, with a tip that points along its yaw."""
+    """Draws the goal [3], a disc as large as the tolerance with a tip along its yaw, and footprints
+    [K, 2, 3] (x, y, yaw of the ankles) on the floor."""
     for side, color in enumerate(robot_model.COLORS):
         outline = sole(world.engine.robot, side)
         for poses in feet:
@@ -598,11 +586,11 @@ def draw_way(axes, world, goal, feet, camera):
 
 # ------------------------------------------------------------------------ Gymnasium
 class FootstepVectorEnv(gym.vector.VectorEnv):
-    """N independent episodes in one call. An ended episode starts again in the SAME step.
-
-    Then `step` returns the first observation of the next episode. The last one of the ended episode
-    is in infos["final_obs"][i], where infos["_final_obs"][i] is True. (Gymnasium's wrappers that
-    refuse this mode work with `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
+    """N independent episodes in one call; all settings are those of `FootstepWorld`. An ended
+    episode starts again in the SAME step: `step` returns the first observation of the next episode,
+    and the last one of the ended episode is in infos["final_obs"][i], where infos["_final_obs"][i]
+    is True. (Gymnasium's wrappers that refuse this mode work with
+    `gymnasium.make_vec("03_env:Footsteps-v0", n, "sync")`.)"""
 
     metadata = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
 
@@ -648,9 +636,8 @@ class FootstepEnv(gym.Env):
     """One robot walks to a goal, a double step at a time. (`FootstepVectorEnv` with one robot.)
 
     ## Action
-    Box(0, 1, (6,)): where both feet step, as shares of the limits (LIMITS). Left foot x, y, yaw,
-    then right foot x, y, yaw; y and yaw are positive outward. `envs.neutral_action` steps on the
-    spot.
+    Box(0, 1, (6,)): where both feet step, as shares of LIMITS: x, y, yaw of the left foot, then of
+    the right one, y and yaw positive outward. `envs.neutral_action` steps on the spot.
 
     ## Observation
     Box (14,): the goal seen from the robot, and the last action, see OBSERVATION.
@@ -660,8 +647,7 @@ class FootstepEnv(gym.Env):
 
     ## Start and end of an episode
     The robot stands at the origin; goal, floor and body are random. Terminated: two double steps in
-    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: there is
-    no time left, after 100 s.
+    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: after 100 s.
 
     ## Arguments
     render_mode: None or "rgb_array". (`gymnasium.wrappers.RecordVideo` films it if moviepy is
@@ -717,11 +703,11 @@ gym.register("Footsteps-v0", "03_env:FootstepEnv", vector_entry_point="03_env:Fo
 
 # ------------------------------------------------------------------------ demonstration
 def hand_written(goal, limits):
-    """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3].
-    Its steps are at most half of what the limits allow. Farther than half a metre from the goal the
-    robot turns towards the goal's position, from there on to the goal's yaw."""
+    """The actions [n, 6] of a planner without learning, for goals seen from the robot [n, 3]. Far
+    from the goal the robot turns towards it, near the goal to the goal's yaw. Its steps are at most
+    half of what the limits allow."""
     d, alpha, beta = polar(goal)
-    turn = np.where(d > 0.5, beta, alpha)  # [n] from half a metre on: our choice
+    turn = np.where(d > 0.5, beta, alpha)  # [n] half a metre: our choice
     x, y, _ = goal.T
     wish = np.stack([x / 2, y, turn / 2], -1)  # [n, 3] each foot: half of x, half of the turn
     outward = wish[:, None] * walk_engine.MIRROR  # [n, 2, 3] y and yaw positive outward
@@ -793,7 +779,7 @@ def main():
     for name, act in planners.items():
         envs.reset(seed=seed)
         infos = []
-        for _ in tqdm(range(60), name, leave=False):
+        for _ in range(60):
             infos.append(envs.step(act(envs.world.view(envs.robots)))[-1])
         goals = np.array([info["success"] for info in infos])  # [60, 32]
         falls = np.array([info["fall"] for info in infos])

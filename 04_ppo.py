@@ -1,8 +1,8 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable), trained with PPO, proximal policy optimization [7]. The paper used the PPO of
-Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a line to point at:
+variable), trained with PPO, proximal policy optimization [7]. The paper used the PPO of [8]. Here
+it is written out, so that every equation has a line to point at:
 
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken, here 245 times:          `train`
@@ -20,16 +20,15 @@ Stable-Baselines3 [8]. Here PPO is written out, so that every equation has a lin
     python 04_ppo.py --gamma 0.9     another setting: fields of `PPOConfig` are flags
     python 04_ppo.py --robot my.py   another robot: ROBOT, WALK, LIMITS of your file
 
-After every update the stage writes the policy so far, checkpoint.pt in runs/<sim>/, which stage 5
-can evaluate. At the end it writes policy.pt, learning_curve.csv and learning_curve.png there
-instead. (`plot_learning_curve` says what is normal in this picture.) The goal is measured with
-noise. Read down to the line of equals signs.
+The goal is measured with noise. In runs/<sim>/ the stage keeps checkpoint.pt, the policy so far,
+and at the end policy.pt, learning_curve.csv and learning_curve.png instead. (`plot_learning_curve`
+says what is normal.) Read down to the line of equals signs.
 
-Leaves out: recurrent policies, normalisation of observations and rewards, GPUs; and what [8] can do
-but does not do by default: an entropy bonus, value clipping, a stop at a large KL.
-[7] Schulman et al.: Proximal Policy Optimization Algorithms, 2017, arXiv 1707.06347.
-[8] Raffin et al.: Stable-Baselines3: Reliable Reinforcement Learning Implementations, 2021.
-[GAE] Schulman et al.: High-Dimensional Continuous Control Using GAE, 2015, arXiv 1506.02438.
+Left out: recurrent policies, GPUs, normalised observations; an entropy bonus, value clipping and a
+stop at a large KL, which [8] has, but not by default.
+[7] Schulman et al., 2017: Proximal Policy Optimization Algorithms.
+[8] Raffin et al., 2021: Stable-Baselines3: Reliable Reinforcement Learning Implementations.
+[GAE] Schulman et al., 2015: High-Dimensional Continuous Control Using GAE, arXiv 1506.02438.
 """
 
 import json
@@ -73,9 +72,8 @@ class PPOConfig:
 
 # ------------------------------------------------------------------------ one update of PPO
 def collect(model, envs, obs, steps):
-    """(1) Lets N robots take T steps each, from the observations obs [N, …] on.
-    Returns tensors [T, N, …] by name (the rollout buffer), the observations to go on from, and the
-    infos of every step."""
+    """(1) Lets N robots take T steps each, from the observations obs [N, …] on. Returns tensors
+    [T, N, …] by name (the rollout buffer), the observations to go on from, and all infos."""
     buffer, infos = [], []
     for _ in range(steps):
         obs = obs.astype(np.float32)  # a copy: environments may reuse their arrays
@@ -247,17 +245,16 @@ def one_thread():
 @one_thread()
 def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=improve, **about):
     """Trains for `total_steps` steps of all robots together, or a few more; returns (model, rows of
-    the log), and writes files into the folder `out`, a Path.
-    make_envs(num_envs) -> vector environment with AutoresetMode.SAME_STEP and actions in [0, 1];
-    make_model: of another class than `ActorCritic`; improve(model, optimizer, data, cfg) changes
-    the model and returns numbers by name; about: is stored with the policy."""
+    the log), and writes files into the folder `out`, a Path. make_envs(num_envs) -> vector
+    environment with AutoresetMode.SAME_STEP and actions in [0, 1]; make_model: of another class
+    than `ActorCritic`; improve: another one; about: is stored with the policy."""
     samples = cfg.num_envs * cfg.rollout  # steps of all robots in an update
     updates = math.ceil(total_steps / samples)
     envs = gym.wrappers.vector.RecordEpisodeStatistics(make_envs(cfg.num_envs))
     world = getattr(envs.unwrapped, "world", None)  # environments of another task have none
     about |= {"seed": seed, "steps": updates * samples, "config": cfg}
     about["fits"] = fingerprint(world) if world else None
-    checkpoint = out / "checkpoint.pt"
+    checkpoint = out / "checkpoint.pt"  # from before the first update on: a sign for the next one
     if checkpoint.exists():
         print(f"{checkpoint} is replaced: of a training that was stopped, or still runs there")
     torch.manual_seed(seed)  # of the first weights
@@ -271,6 +268,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
     rows = []
     bar = tqdm(range(updates), unit=" steps", unit_scale=samples)
     for update in bar:
+        save_policy(checkpoint, model, **about)
         rate = float(cfg.learning_rate * (1.0 - update / updates))  # falls linearly to 0
         optimizer.param_groups[0]["lr"] = rate
         data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
@@ -284,12 +282,11 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
             f"success {numbers['success']:.2f}, falls {numbers['fall']:.2f}, "
             f"return {numbers['return']:.2f}"
         )
-        save_policy(checkpoint, model, **about)
     envs.close()
+    save_policy(out / "policy.pt", model, **about)
     lines = [",".join(rows[0])]
     lines += [",".join(f"{value:.9g}" for value in row.values()) for row in rows]
     robot_model.write_text(out / "learning_curve.csv", "\n".join(lines) + "\n")
-    save_policy(out / "policy.pt", model, **about)
     checkpoint.unlink(missing_ok=True)  # another training into this folder may have ended before
     return model, rows
 
@@ -460,10 +457,8 @@ def plot_learning_curve(rows, path, title):
     """Draws the log: a dot for each update, and a line, the mean over a twentieth of them.
     What is normal? (The means of the first and of the last fifth of both shipped trainings.)
         successes   near 1, but for update 11, when the first episodes run out of time together.
-        falls       0 -> 0.001 (3-D), 0.003 (2-D): the first policy mostly steps on the spot, and a
-                    robot that learns to be quick falls sometimes.
-        time        falls, after update 11. (Before it only walks can have ended that were shorter
-                    than the training so far.)
+        falls       0 -> 0.001 (3-D), 0.003 (2-D): a robot that learns to be quick falls sometimes.
+        time        falls, after update 11. (Until then only short walks have ended.)
         entropy     falls: how random the policy is, in nats (with natural logarithms).
         outside     0.41 -> 0.21 of the samples. ([8] logs a smaller mean, over its gradient steps.)
         KL          0.036 -> 0.015 nats: how far a rollout moves the policy (Kullback-Leibler). KL
@@ -471,8 +466,8 @@ def plot_learning_curve(rows, path, title):
         explained   less than 0.1 -> 0.2: how much of the differences between the critic's targets
         variance    does V predict? 1: all; 0: none; below 0 (one update of six or eight): it is
                     worse than their mean. Even the true goal tells little of what a walk will
-                    return (see projects.md). In the first updates the targets V + A contain an
-                    untrained V, and this says nothing."""
+                    return (projects.md). At first the targets V + A hold an untrained V, and this
+                    says nothing."""
     steps = np.array([row["steps"] for row in rows]) / 1000  # [U]
     width = len(rows) // 20 + 1
     weights = np.ones(width) / width  # of the updates in a mean

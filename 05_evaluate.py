@@ -1,7 +1,8 @@
 """Stage 5: is the learned policy better than other planners, and how sure are we?
 
-Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). Its baseline
-[10], by its public code, is a velocity controller: proportional to the distance, up to a limit.
+Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). With its
+policy, and noise, the robot takes 56 % of the baseline's time, and falls about twice as often. Is
+this so with ours? Guess, then run
 
     python 05_evaluate.py --noise          the paper's table and figure, with our robot: a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
@@ -11,36 +12,19 @@ Paper: section III, 500 goals with and without measurement noise (Table II, Fig.
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
     python 05_evaluate.py --mujoco         all of this in 3-D
-    python tests/studies/play.py           click a goal, and watch a planner walk there
 
-The stage evaluates your own policy, in `runs/<sim>/`, or else the shipped one in `results/<sim>/`;
-`--policy` names other files. A policy trained with another walk, task or robot is evaluated, too,
-and a note says what differs. The stage prints tables. Their times are those of the walks that
-succeed: the mean, the median, and the 95th percentile. In the paper a walk succeeds when the robot
-is at the goal once. Here two double steps in a row must end there, and we count the time to the end
-of the first of them. The stage writes table.md, evaluation.json, trials.csv and footsteps.png, with
-walks to two goals without noise, to `runs/<sim>/`. Predict: with the paper's policy, and noise, the
-robot takes 56 % of the baseline's time, and falls about twice as often. Is this so with ours?
-
-A planner is a class with `reset(num_robots)`, called before the trials of a row, and `act(view)`,
-which returns actions [n, 6] in [0, 1]. `view` is the `View` of stage 3 for n robots: `view.goal`
-[n, 3] is the goal as the robots know it, x, y [m], yaw [rad]. With noise it is estimated from all
-measurements so far. A planner may use nothing but the view. `tests/studies/search.py` is a worked
-example. `baseline` is the team's controller, [10], with which the paper compares, but ours decides
-once per double step. `baseline_tuned` has settings optimised for this world; with it both feet
-share sidesteps, too, and in proportion to what each may do.
+It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in `results/<sim>/`, or the
+files that you name with `--policy`. It prints tables, and writes them, all trials and
+footsteps.png, with walks to two goals, to `runs/<sim>/`. Times are those of the walks that succeed.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
-noise (common random numbers), so no row has easier goals, and we may compare trial by trial: falls
-with `mcnemar`, times with `bootstrap`. The intervals of rates (`wilson`) do not answer whether two
-planners differ: they say how sure we are of each alone. A far walk has the floor, the body and the
-noise of a near one, so 500 near and 500 far walks count as 500 independent walks, not as 1,000.
-Seed 0 is for trying things. Test your final choice with another `--seed`.
+noise (common random numbers). So no row has easier goals, and we may compare trial by trial: falls
+with `mcnemar`, times with `bootstrap`. Seed 0 is for trying things. Test your final choice with
+another `--seed`.
 
 Read down to the line of equals signs: trials and statistics.
 
-Leaves out: standing up after a fall, obstacles, the spread over training seeds.
-[10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
+Left out: standing up after a fall, obstacles, the spread over training seeds.
 """
 
 import csv
@@ -89,8 +73,9 @@ def evaluate(planner, world, trials, watch=None):
     """Lets robot i walk to the goal of trial i, all at the same time, until each trial has ended.
     watch(robots, motion) is called after every double step. Returns arrays [n]:
         mu           of the floor
-        outcome      a name in OUTCOMES
-        time         [s] to the end of the first double step in a row at the goal; else all of it
+        outcome      a name in OUTCOMES; a success: two double steps in a row end at the goal
+                     (in the paper one)
+        time         [s] to the end of the first of these two; else all of it
         steps        double steps, all of them
         still_there  a success, and at the goal also after two more double steps in place"""
     n = len(trials.goals)
@@ -144,7 +129,8 @@ def double_step(planner, world, robots):
 def wilson(count, total, z=1.96):
     """95 % interval [low, high] of a rate, of which we have counted `count` of `total` trials (the
     Wilson score): all true rates p from which our p̂ is at most z standard deviations away,
-    |p̂ − p| ≤ z·√(p·(1 − p)/n). Of 100 such intervals about 95 hold the truth."""
+    |p̂ − p| ≤ z·√(p·(1 − p)/n). Of 100 such intervals about 95 hold the truth. They say how sure we
+    are of each planner alone, not whether two differ."""
     # Squared, with "=", this is a quadratic equation of p. Its solutions are the ends:
     # (p̂ + z²/(2n) ± z·√(p̂·(1 − p̂)/n + z²/(4n²))) / (1 + z²/n)
     rate = count / total  # p̂; the interval has a width also if it is 0
@@ -167,8 +153,8 @@ def bootstrap(statistic, *samples, resamples=2000):
 
 def time_ratio(walks, reference):
     """Compares two planners over the goals that both reached; walks, reference: what `evaluate`
-    returns of the same trials. Returns a dict:
-    goals                   how many these are; the dict is empty if there is none
+    returns of the same trials. Returns a dict, which is empty if there is no such goal:
+    goals                   how many these are
     time_ratio              mean time / mean time of the reference
     time_ratio_ci95         its interval; of fewer than 20 goals nan
     faster, equal, slower   shares of the goals that took fewer, as many, more double steps (not
@@ -196,7 +182,6 @@ def time_ratio(walks, reference):
 def mcnemar(ours, theirs):
     """Compares two planners in the same trials by McNemar's exact test; ours, theirs: bool [n], did
     it happen in a trial (a fall)? Returns a dict:
-
     only_ours, only_theirs   trials in which it happened with one of them alone
     p                        how often chance would divide these trials at least as unevenly, if
                              both planners were equal"""
@@ -209,6 +194,7 @@ def mcnemar(ours, theirs):
 
 # ==================================================================== the end of a first reading
 # ------------------------------------------------------------------------ two planners
+# [10] Hamburg Bit-Bots, bitbots_main, https://github.com/bit-bots/bitbots_main, as of 2024-10-02.
 @dataclass(frozen=True)
 class BaselineSettings:
     """The settings of [10] in its team's public files: cautious, for the real robot."""
@@ -221,7 +207,7 @@ class BaselineSettings:
     turning_gain: float = 0.3  # [1/s] turning speed per heading error
     far_m: float = 1.0  # [m] farther away the robot turns to the goal's position
     time_constant: float = 1.0  # [s] τ of the filter; 0: none
-    share: bool = False  # do the feet share sidesteps and turns in proportion to their limits? Ours
+    share: bool = False  # do both feet share sidesteps, too, as their limits allow? Ours
 
 
 TUNED_BASELINE = {  # the same controller for this world, by `tests/studies/baseline.py`, 2026-11-28
@@ -290,7 +276,8 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
 
 
 class BaselinePlanner:
-    """The controller of [10]; it decides once per double step instead of 20 times a second."""
+    """The controller of the robot's team, [10], the paper's baseline: a speed in proportion to the
+    distance, up to a limit. Ours decides once per double step instead of 20 times a second."""
 
     def __init__(self, settings=BaselineSettings()):
         self.settings = settings
@@ -538,8 +525,9 @@ def policy_planner(path, world):
         raise InputError(f"{path}: trained in another environment, not to choose footsteps")
     different = [name for name in here if there.get(name) != here[name]]
     if "simulator" in different:
-        trained = there.get("simulator")
-        raise InputError(f"{path}: trained in {trained}, this is {world.sim} (--mujoco: mujoco)")
+        raise InputError(
+            f"{path}: trained in {there.get('simulator')}, this is {world.sim} (--mujoco: mujoco)"
+        )
     if "observation" in different:
         raise InputError(f"{path}: trained with another observation: train it again")
     if different:
@@ -548,29 +536,28 @@ def policy_planner(path, world):
 
 
 def load_planner(path):
-    """The planner in a file of your own."""
-    with env.one_line_if_it_exits(path):
-        (planner_class,) = env.names_in(path, Planner=type)
-        return planner_class()
+    """The planner in a file of your own, a class with `reset(num_robots)`, called before the trials
+    of a row, and `act(view)`, which returns actions [n, 6] in [0, 1] and may use nothing but this
+    View of stage 3. `tests/studies/search.py` is a worked example."""
+    (planner_class,) = env.names_in(path, Planner=type)
+    return planner_class()
 
 
 def choose_planners(world, policies, files=()):
-    """Planners by row name for these files of policies and of planners, and the name of the one to
-    show. The first policy is `policy`; the others are named by their files, or by their paths."""
+    """Planners by row name: of these files of policies and of planners, then both baselines. The
+    first policy is `policy`; the others are named by their files, or by their paths."""
     baselines = {
         "baseline_tuned": BaselinePlanner(TUNED_BASELINE[world.sim]),
         "baseline": BaselinePlanner(),
     }
-    chosen, shown = {}, "policy"
+    chosen = {}
     for path in (*policies, *files):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
             name = path.as_posix()
         print(f"{name}: {path}")
         chosen[name] = load_planner(path) if path in files else policy_planner(path, world)
-        if path in files[:1]:  # the first one
-            shown = name
-    return chosen | baselines, shown
+    return chosen | baselines
 
 
 # ------------------------------------------------------------------------ pictures
@@ -580,8 +567,7 @@ def plot_footsteps(world, planners, trials, path):
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, planners.items()):
         draw_walks(panel, world, planner, trials)
-        panel.set_title(name, parse_math=False)  # a $ in a name is no formula
-        panel.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+        panel.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
         panel.margins(0.1, 0.35)
     figure.suptitle("Two walks without noise; a goal's tip is its yaw; black: the torso's path")
     robot_model.save_figure(figure, path)
@@ -597,23 +583,19 @@ def foot_poses(robot, torso, joints):
 
 
 def draw_walks(panel, world, planner, trials):
-    """Draws walks from above while the robots walk, and at each goal how the walk to it ends. Of
-    many footprints every second pair is drawn, or every third, …, and the last one."""
-    torso, joints = world.engine.stance
-    standing = foot_poses(world.engine.robot, torso[None], joints[None])
-    feet = [[*standing] for _ in trials.goals]  # [K, 2, 3] of every robot
+    """Draws walks from above while the robots walk, the footprints at the end of each double step,
+    and at each goal how the walk to it ends."""
+    feet = [[] for _ in trials.goals]  # of every robot, [K, 2, 3]
 
     def watch(robots, motion):
         landed = foot_poses(world.engine.robot, motion.torso[:, -1], motion.joints[:, -1])
         for i, torso, poses in zip(robots, motion.torso, landed):
-            panel.plot(*torso[:, :2].T, "k", lw=1)
+            panel.plot(*torso[:, :2].T, "k")
             feet[i].append(poses)
 
     end = evaluate(planner, world, trials, watch)
     for i, (x, y, yaw) in enumerate(trials.goals):
-        every = 1 + len(feet[i]) // 12
-        camera = robot_model.camera_at(-90, 90)
-        env.draw_way(panel, world, [x, y, yaw], feet[i][::-every], camera)
+        env.draw_way(panel, world, [x, y, yaw], feet[i], robot_model.camera_at(-90, 90))
         ending = f"{end['outcome'][i]}\n{end['time'][i]:.1f} s"  # on the far side of the goal
         panel.text(x, y + math.copysign(0.45, y), ending, ha="center", va="center")
 
@@ -646,8 +628,17 @@ def arguments(argv, doc=__doc__):
     return args
 
 
-def write_results(args, blocks, results, out):
-    """Prints the tables, and writes table.md, evaluation.json and trials.csv."""
+def main(argv=None):
+    args = arguments(argv)
+    settings = world_settings(args)
+    world = env.FootstepWorld(len(FIGURE_GOALS), **settings)  # for the figure
+    planners = choose_planners(world, args.policy, args.planner)
+    out = robot_model.output_folder(args)
+    blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
+    if args.far:
+        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
+    results = evaluate_all(args, blocks, planners, settings)
+
     rows = [summary(*row, walks) for row, walks in results.items()]
     ratios = compare(results)
     flags = [
@@ -662,20 +653,7 @@ def write_results(args, blocks, results, out):
     robot_model.write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     robot_model.write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
-
-
-def main(argv=None):
-    args = arguments(argv)
-    settings = world_settings(args)
-    world = env.FootstepWorld(len(FIGURE_GOALS), **settings)  # for the figure
-    planners, shown = choose_planners(world, args.policy, args.planner)
-    out = robot_model.output_folder(args)
-    blocks = {env.Task.goal_std_m: draw_trials(args.seed, args.episodes)}
-    if args.far:
-        blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
-    results = evaluate_all(args, blocks, planners, settings)
-    write_results(args, blocks, results, out)
-    three = {name: planners[name] for name in ("baseline", "baseline_tuned", shown)}
+    three = dict([*planners.items()][-3:])  # the last one that you chose, and both baselines
     plot_footsteps(world, three, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png")
     print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
 
