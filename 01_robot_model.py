@@ -1,16 +1,15 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
 Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
-II-a, a simulated biped with position-controlled joints; the robot is [6]. All stages have the
-paper's numbers of sections and references. `tests/course/ledger.md` leads from each part of the
-paper to the code.
+II-a, a simulated biped with position-controlled joints; the robot is [6]. Numbers of sections and
+references are the paper's. `tests/course/ledger.md` leads from each part of it to the code.
 
     python 01_robot_model.py             2-D (pymunk), 5 seconds
     python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
 
 In 3-D the robot has twelve joints, and all of its motion is simulated. In 2-D it lives in the
 sagittal plane, the one that is seen from its side, and keeps six of them. This planar robot stands,
-slips and falls as the physics says, but it sidesteps and turns as it is commanded.
+slips and falls as physics says, but it sidesteps and turns as commanded.
 
 101 robots slowly lean forward from their ankles, the first to 0.25 rad, the last to 0.35 rad. What
 is the smallest lean with which one falls? Predict it (`tests/course/predict.md`, *lean*, shows
@@ -60,8 +59,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 # x, y, z            forward, left, up [m]
-# roll, pitch, yaw   [rad] about x, y, z by the right-hand rule (the thumb points along the axis): the
-#                    torso leans to the right, leans forward, turns to the left
+# roll, pitch, yaw   [rad] about x, y, z by the right-hand rule (the thumb points along the axis):
+#                    the torso leans to the right, leans forward, turns to the left
 # trunk, torso       the same part: trunk where it is commanded to be, torso where it truly is
 # tick               10 ms of control: every motor gets a new target
 # [N, n, k, …]       shapes: N all robots; n some of them; k those whose double step is not done
@@ -85,11 +84,9 @@ SAGITTAL = [2, 3, 4, 8, 9, 10]  # the six of twelve joints that the planar robot
 #   foot on its way       [4]     x, y, z of the point of the sole below the ankle; yaw
 #   trunk_state           [6, 3]  of each number of the trunk: position, velocity, acceleration
 #   answer to a lean      [3]     of a leg: a shift to the left; roll, pitch
-# Columns of a torso's pose, and of a state:
-GROUND = [0, 1, 5]  # x, y, yaw
+GROUND = [0, 1, 5]  # columns of a torso's pose and of a state: x, y, yaw
 HEIGHT = 2
-# Columns of a state only:
-TORSO = slice(6)
+TORSO = slice(6)  # columns of a state
 ANGLES = np.arange(6, 18)
 IMU = [3, 4, 18, 19]  # roll, pitch, and their rates
 YAW_RATE = 20
@@ -127,7 +124,7 @@ class RobotModel:
     foot_width: float = 0.090  # [m]
     foot_outward: float = 0.015  # [m] centre of the sole outside the ankle axis
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
-    # Motors: yaw, roll, pitch, knee, ankle pitch, ankle roll of one leg.
+    # Motors of one leg, in the order of JOINTS.
     torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
     # [rad] The knee's are rounded. Those of the rolls are common to both legs.
     joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
@@ -173,20 +170,19 @@ class Trajectory:
         self.progress = np.zeros(len(joints))  # [n] ticks of the plan that each robot has done
 
     def go_on(self, rows, tick, imu):
-        """Plans the next tick of the plan's rows [k]. `tick` is how many ticks have passed;
-        imu [k, 4] is what `Simulator.imu` measures now.
-
-        Returns where the joints should be at the end of the tick, [k, 12] [rad], and how the trunk
-        should move on the floor meanwhile, [k, 3]: x, y [m], yaw [rad] seen from where it was. (The
-        planar robot obeys y and yaw, as it has no legs for them. In 3-D only the legs move it.)"""
+        """Plans the next tick of the plan's rows [k], when `tick` ticks have passed and
+        `Simulator.imu` measures imu [k, 4]. Returns where the joints should be at its end, [k, 12]
+        [rad], and how the trunk should move on the floor meanwhile, [k, 3]: x, y [m], yaw [rad]
+        seen from where it was. (The planar robot, which has no legs for y and yaw, obeys these two.
+        In 3-D only the legs move it.)"""
         self.progress[rows] += 1
         return self.joints[rows, tick + 1], np.zeros((len(rows), 3))
 
 
 @dataclass
 class Motion:
-    """The simulated motion of n robots, at the end of each of T control ticks. Where a robot needed
-    fewer ticks, its last state is repeated."""
+    """The simulated motion of n robots, at the end of each of T control ticks. (Whoever needed
+    fewer ticks stays as it was.)"""
 
     torso: np.ndarray  # [n, T, 6] x, y, z [m], roll, pitch, yaw [rad] in the world
     joints: np.ndarray  # [n, T, 12] true angles [rad]; 0 for those that the planar robot lacks
@@ -265,9 +261,8 @@ def rotation(roll, pitch, yaw):
 
 def link_frames(robot, torso, joints):
     """Where the nine links are in the world: torso; left hip, thigh, shin, foot; the right ones.
-    torso [..., 6]: x, y, z, roll, pitch, yaw; joints [..., 12]. Returns their origins [..., 9, 3]
-    (the torso's frame; of a leg the hip, the axis of hip pitch, knee, ankle) and their rotations
-    [..., 9, 3, 3]. For a foot seen from the torso this is
+    From torso [..., 6] and joints [..., 12] to origins [..., 9, 3] (the torso's frame; of a leg the
+    hip, the axis of hip pitch, knee, ankle) and rotations [..., 9, 3, 3]. A foot's, from the torso:
     Rz(hip yaw)·Rx(hip roll)·Ry(hip pitch + knee + ankle pitch)·Rx(ankle roll)."""
     shape = joints.shape[:-1]
     legs = joints.reshape(*shape, 2, 6)
@@ -293,13 +288,11 @@ def link_frames(robot, torso, joints):
 
 
 def leg_inverse(robot, position, foot_turn):
-    r"""Joint angles [..., 6] [rad] of one leg, analytically.
-
-    position [..., 3]: the ankle seen from the hip [m]; foot_turn [..., 3, 3]: the foot's rotation;
-    both along the torso's axes. An ankle out of reach is moved along r, see below, only as far as
-    needed. The angles are clipped to the joint limits. A foot should be below its hip, and tilt by
-    less than about a radian. To check yours: position (0.0341, 0, −0.2993) and foot_turn Ry(−0.1)
-    give 0, 0, −0.526, 0.975, −0.549, 0.
+    r"""Joint angles [..., 6] [rad] of one leg, analytically, clipped to the joint limits; position
+    [..., 3]: the ankle from the hip [m]; foot_turn [..., 3, 3]: the foot's rotation; both along the
+    torso's axes. An ankle out of reach is moved along r, see below, only as far as needed. A foot
+    should be below its hip, and tilt by less than about a radian. To check yours: position
+    (0.0341, 0, −0.2993) and foot_turn Ry(−0.1) give 0, 0, −0.526, 0.975, −0.549, 0.
 
     hip +--o hip pitch   Let r (dots) run from the ankle to the axis of hip pitch. Thigh, shin and r
            :\            form a triangle, in the plane in which the leg bends. Hip pitch, knee and
@@ -316,8 +309,7 @@ def leg_inverse(robot, position, foot_turn):
        the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.
     """
     thigh, shin = robot.thigh_length, robot.shin_length
-    # R is foot_turn, p is position. The hip seen from the ankle, in the foot's frame: Rᵀ·(−p).
-    # (.mT: the transposes of the last two axes)
+    # R is foot_turn, p is position. The hip from the ankle, in the foot's frame: Rᵀ·(−p); .mT: Rᵀ
     from_ankle = np.matvec(foot_turn.mT, -position)  # [..., 3]
     # Before the ankle rolls, the hip is at (x, 0, h). When the foot turns by +roll, the hip turns
     # by −roll as seen from it: Rx(−roll)·(x, 0, h) = (x, h·sin roll, h·cos roll) with h > 0.
@@ -353,9 +345,8 @@ def leg_inverse(robot, position, foot_turn):
 
 
 def joints_for_feet(robot, trunk, feet, planar=False):
-    """Joint angles [..., 12] that put both feet, [..., 2, 4], in their places, if the trunk is at
-    [..., 6]; or at [..., 2, 6]: where each leg takes it to be. planar: legs below their hips, feet
-    along the trunk."""
+    """Joint angles [..., 12] that put both feet [..., 2, 4] in their places, if the trunk is at
+    [..., 6], or at [..., 2, 6] for each leg. planar: legs below the hips, feet along the trunk."""
     if trunk.ndim < feet.ndim:
         trunk = trunk[..., None, :]  # [..., 1, 6] the same for both legs
     roll, pitch, yaw = np.moveaxis(trunk[..., 3:], -1, 0)  # [..., 1 or 2] each
@@ -375,8 +366,7 @@ def joints_for_feet(robot, trunk, feet, planar=False):
 # ------------------------------------------------------------------------ the control loop
 @dataclass
 class Variation:
-    """How n robots differ from the model. Stage 3 chooses the values at random (domain
-    randomization), and no planner sees them."""
+    """How n robots differ from the model: at random, see `Spread` of stage 3."""
 
     friction: np.ndarray  # [n] μ of the floor
     mass: np.ndarray  # [n, 9] factors: torso, left hip, thigh, shin, foot, right ones
@@ -417,7 +407,7 @@ class Disturbance:
 
 
 # Who calls whom in a double step? Stage 2 plans it for n robots; `run` below belongs to the robot,
-# and asks the plan in every tick, for the k robots whose plan is not done:
+# and in every tick asks the plan, for the k robots whose plan is not done:
 #
 #     engine.plan(footsteps [n, 2, 3])  ──►  plan: trunk [n, T + 1, 6], feet [n, T + 1, 2, 4]
 #
@@ -429,11 +419,9 @@ class Simulator:
     """N robots, and the computer that every robot carries: it reads the IMU, asks the plan for
     joint targets, and hands them to the motors. Call `reset` first. A kind of physics is a class
     that adds
-
         place(i)           robot i stands at the origin, with its `variation`
         advance(robots, targets, push, move)
                            simulates a control tick and returns the states after it [n, 21]
-
     where targets [n, 2, 12] are the joint targets at the beginning and at the end of the tick [rad]
     (MuJoCo takes the latter only), push [n, 2] is the force on the torso [N], and move [n, 3] is
     how the trunk should move, see `Trajectory.go_on`. SIMULATORS names the classes."""
@@ -461,8 +449,7 @@ class Simulator:
 
     def imu(self, robots):
         """The torso's roll and pitch [rad], and their rates with the gyro's constant error [rad/s],
-        [n, 4]. (A real gyro measures rates about the torso's own axes. Upright these are nearly the
-        same.)"""
+        [n, 4]. (A real gyro measures about the torso's own axes; upright it is nearly the same.)"""
         imu = self.state[robots][:, IMU]
         imu[:, 2:] += self.variation.gyro[robots]
         return imu
@@ -508,9 +495,9 @@ def inertial(link, side=1):
 
 
 def leg_xml(robot, leg, side):
-    """One leg in MJCF, from the hip down: nested bodies; side: 1 left, −1 right.
-    Every body has its mass and its joints to the body around it. The sole is a box: pos is its
-    centre seen from the ankle, size is half of each side [m]."""
+    """One leg in MJCF, from the hip down: nested bodies, each with its mass and its joints to the
+    body around it; side: 1 left, −1 right. The sole is a box: pos is its centre, size half of each
+    side [m]."""
     axes = "0 0 1", "1 0 0", "0 1 0", "0 1 0", "0 1 0", "1 0 0"  # of the joints: z, x, y, y, y, x
 
     def joint(k):
@@ -536,20 +523,14 @@ def leg_xml(robot, leg, side):
                          {robot.sole_height / 2 - robot.ankle_height}"
                     size="{(robot.foot_front + robot.foot_back) / 2} {robot.foot_width / 2}
                           {robot.sole_height / 2}"/>
-            </body>
-          </body>
-        </body>
-      </body>"""
+            </body> </body> </body> </body>"""
 
 
 def mujoco_xml(robot, height=0):
     """The robot in MJCF; height [m]: where the torso is while its z is 0, as a viewer begins. Each
     motor is a position servo (it drives its joint to a target angle) with a torque-speed line:
-
         τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇
-
-    <position> makes the first term, the joint's damping is the second one. At the speed limit dry
-    friction takes nearly all the rest.
+    <position> makes the first term, the joint's damping is the second one.
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.
@@ -557,8 +538,7 @@ def mujoco_xml(robot, height=0):
     island: a speed-up of the solver that saves nothing here.
     autoreset: would hide from us that a simulation diverged.
     torso: its six joints to the world are its pose in our state: x, y, z, then yaw, pitch, roll.
-        Each moves in the frame that those before it have turned. (At a pitch of 90° yaw and roll
-        turn about the same axis, and the physics may diverge. The robot has fallen long before.)
+        (At a pitch of 90°, long after a fall, yaw and roll turn about one axis: it may diverge.)
     contype 0: only the listed pairs of shapes can touch. All others are to be looked at.
     condim 3: a contact has one normal force and two friction forces, each with its μ."""
     motors = ""
@@ -607,10 +587,9 @@ def mujoco_xml(robot, height=0):
 
 
 class MujocoSim(Simulator):
-    """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores.
-
-    A motor gets the target of the tick's end. A joint that turns at 1 rad/s is about 5 ms behind
-    this target (knee 7), because back-EMF and dry friction hold it back."""
+    """N robots in 3-D. Every call of `mujoco.rollout` runs all of them on all cores. A motor gets
+    the target of the tick's end. A joint that turns at 1 rad/s is about 5 ms behind this target
+    (knee 7), because back-EMF and dry friction hold it back."""
 
     # Our bodies, to which the columns of `Variation.mass` belong, the torso first; 0 is the world.
     PARTS = np.arange(1, 10)
@@ -683,18 +662,14 @@ def planar_links(robot):
 
 
 class PymunkSim(Simulator):
-    """N planar robots: pymunk simulates the sagittal plane.
-
-    pymunk's y is our z, and its angles turn x towards y, against our pitch:
-
+    """N planar robots: pymunk simulates the sagittal plane. Its y is our z, and its angles turn x
+    towards y, against our pitch:
         pymunk's angle of a body   = −pitch
         joint angle q              = pitch − parent's pitch = parent's angle − angle
         `rate` of pymunk's motors  = turning rate of the parent − that of the link = +q̇
-
     Simplified: a motor has its full torque, less dry friction, up to its speed limit. (In MuJoCo
     the torque falls linearly, nearly to zero there.) A rotor adds to the inertia of the link below
-    its joint, as if it turned with that link. (In MuJoCo it adds only to the inertia about the
-    joint.) Joints have no limits. (Only the targets keep them.)"""
+    its joint, not only to that about the joint. Joints have no limits; only their targets do."""
 
     planar = True
     PARENT = [0, 1, 2, 0, 4, 5]  # of the bodies 1…6: thigh, shin, foot; 0: torso
@@ -774,7 +749,6 @@ class PymunkSim(Simulator):
         new = np.zeros_like(state)
         # Ahead it moves as simulated, sideways as commanded; it turns as commanded.
         new[:, GROUND] = compose(state[:, GROUND], np.column_stack([ahead, move[:, 1:]]))
-        # The torso's height, pitch, and rate of pitch
         new[:, HEIGHT], new[:, IMU[1]], new[:, IMU[3]] = height, pitches[:, 0], rate
         new[:, ANGLES[SAGITTAL]] = pitches[:, 1:] - pitches[:, self.PARENT]
         new[:, YAW_RATE] = move[:, 2] / robot.control_dt
@@ -823,8 +797,8 @@ def capsule(start, end, radius):
 
 
 def draw_robots(axes, robot, torso, joints, camera):
-    """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12]; camera:
-    of `camera_at`. Limbs are thick lines, painted from the farthest to the nearest one."""
+    """Draws one robot at K moments, the last one strongest: torso [K, 6], joints [K, 12]. Limbs are
+    thick lines, painted from the farthest to the nearest one."""
     low = -robot.ankle_height
     sole = [[-robot.foot_back, 0, low], [robot.foot_front, 0, low]]  # heel, toe
     for k, (origins, turns) in enumerate(zip(*link_frames(robot, torso, joints)), 1):
@@ -885,8 +859,7 @@ def output_folder(args, *parts):
 
 def atomic_write(path, write):
     """Calls write(temporary file), then renames it: `path` is never only a part of a file. Raises
-    an InputError with the system's words, as of a full disk or of a file that another program keeps
-    open."""
+    an InputError with the system's words, for example of a full disk."""
     temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp{path.suffix}")  # two may write it
     try:
         try:

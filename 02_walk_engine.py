@@ -1,23 +1,22 @@
 """Stage 2: how do two footsteps become a walk?
 
-    python 02_walk_engine.py             a plan, four walks, pushes in 2-D; 4 seconds
+    python 02_walk_engine.py             walks and pushes in 2-D; 4 seconds
     python 02_walk_engine.py --mujoco    the same in 3-D
 
 As in the paper the walk engine is that of [5]: the swing foot and the trunk move along quintic
 splines, and inverse kinematics turns their poses into joint angles. We add three answers to what
 the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down where
-the robot leans, and steps that wait. Of these the paper mentions only the last, as future work. In
-2-D the last two gain nothing in walks to a goal, so they are off.
+the robot leans, and steps that wait. (The paper mentions only the last, as future work.) In 2-D the
+last two gain nothing, so they are off.
 
 A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
-its usual place beside the support foot. y and yaw are positive outward. All zeros step on the
-spot.
+its usual place beside the support foot; y and yaw are positive outward.
 
-The stage prints where four walks should end, and where they do. Which one goes farthest astray? A
-planner has to correct this. Then it pushes twelve walking robots, each at another moment of the
-double step. How many fall without any answer (in open loop), with the reflex, with capture steps,
-too? Guess (`tests/course/predict.md`, *capture*), then look at `runs/<sim>/02_push.png`.
+The stage prints where four walks should end, and where they do. Which goes farthest astray? (A
+planner has to correct this.) Then it pushes twelve walking robots, each at another moment. How many
+fall without any answer, with the reflex, with capture steps, too? Guess (`tests/course/predict.md`,
+*capture*), then look at `runs/<sim>/02_push.png`.
 
 Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
 paths, the answers to a push, and the code that walks and draws.
@@ -86,10 +85,8 @@ class WalkEngine:
         # The usual place of each foot, seen from the other one: left, right  [2, 3]
         self.beside = np.array([[0, 1, 0], [0, -1, 0]]) * p.foot_distance
         self.foot_poses = np.zeros((num_robots, 2, 3))  # left, right: x, y [m], yaw [rad]
-        # Of x, y, z, roll, pitch, yaw: position, velocity, acceleration. (z is constant.)
-        self.trunk_state = np.zeros((num_robots, 6, 3))
-        # Of each leg to a lean, see `capture_step`. It outlives a plan: a standing foot keeps it.
-        self.answer = np.zeros((num_robots, 2, 3))
+        self.trunk_state = np.zeros((num_robots, 6, 3))  # position, velocity, acceleration
+        self.answer = np.zeros((num_robots, 2, 3))  # see `capture_step`; a standing foot keeps it
         self.reset(np.arange(num_robots))
 
     def reset(self, robots):
@@ -115,7 +112,7 @@ class WalkEngine:
         """The WalkPlan of the next double step of these robots [n]. The engine counts it as done:
         the next plan begins where this one ends, wherever the robot then is.
 
-        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive; for example
+        footsteps [n, 2, 3]: left, right; x, y [m], yaw [rad], outward positive. Zeros: on the spot;
             (0, 0.06, 0)   (0, 0, 0)      0.06 m to the left
             (0.08, 0, 0)   (0.08, 0, 0)   0.16 m ahead: each foot lands 0.08 m ahead of the other
 
@@ -149,10 +146,10 @@ class WalkEngine:
         return WalkPlan(self, np.asarray(robots), trunk, feet)
 
     def _knot(self, support, start, landing):
-        """State of the trunk (as self.trunk_state) in the middle of a single step, [n, 6, 3].
-        The arguments are foot poses [n, 3]: the support foot, the swing foot at lift-off, and where
-        it lands. The trunk is half way between the middles of the feet before and after the step.
-        It moves with the mean velocity, and is shifted and rolled towards the support foot."""
+        """State of the trunk (as self.trunk_state) in the middle of a single step, [n, 6, 3], from
+        poses [n, 3] of the support foot, of the swing foot at lift-off, and where it lands. The
+        trunk is half way between the middles of the feet before and after the step. It moves with
+        the mean velocity, and is shifted and rolled towards the support foot."""
         p = self.parameters
         before = (support + start) / 2  # middle of the feet
         after = (support + landing) / 2
@@ -169,8 +166,8 @@ class WalkEngine:
 
     # ================================================================ the end of a first reading
     def closing_step(self, robots):
-        """How far the middle of the feet still goes if the next double step is in place, seen from
-        this middle [n, 3]: the left foot closes up beside the right one. See stage 3."""
+        """How far the middle of the feet, seen from itself, still goes in a double step in place
+        [n, 3]: the left foot closes up beside the right one. See stage 3."""
         left, right = self.foot_poses[robots].swapaxes(0, 1)  # [n, 3] each
         closed = compose(right, self.beside[:1])
         return robot_model.relative((left + right) / 2, (closed + right) / 2)
@@ -178,14 +175,12 @@ class WalkEngine:
     def _trunk_path(self, knots, robots):
         """x, y, z, roll, pitch, yaw of the trunk, [n, T + 1, 6]: one quintic from knot to knot."""
         time = np.arange(self.period_ticks + 1) * self.robot.control_dt  # [T + 1] [s]
-        # [3] [s] when a knot is reached
-        ends = (np.arange(3) + 0.5 + self.parameters.trunk_phase) * self.step_time
+        ends = (np.arange(3) + 0.5 + self.parameters.trunk_phase) * self.step_time  # [3] [s] knots
         begins = 0.0, *ends
         states = self.trunk_state[robots], *knots  # [n, 6, 3] each
         path = np.empty((len(states[0]), 6, len(time)))
         for k in range(3):
-            # [n, 6, 6] coordinates, coefficients
-            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])
+            spline = quintic(states[k], states[k + 1], ends[k] - begins[k])  # [n, 6, 6]
             later = time >= begins[k]  # the next spline overwrites what is beyond its knot
             path[..., later] = polynomial(spline, time[later] - begins[k])
         # The double step ends within the last spline. The next one begins in the state there.
@@ -251,7 +246,7 @@ def quintic(start, end, duration):
     p0, v0, a0 = np.moveaxis(start, -1, 0)
     p1, v1, a1 = np.moveaxis(end, -1, 0)
     D = duration
-    # c₀ = p₀, c₁ = v₀, c₂ = a₀/2 hold at t = 0. At t = D the others must supply what is missing:
+    # At t = 0:  c₀ = p₀, c₁ = v₀, c₂ = a₀/2.  At t = D the others must supply what is missing:
     p = p1 - p0 - v0 * D - a0 * D**2 / 2
     v = v1 - v0 - a0 * D
     a = a1 - a0
@@ -265,8 +260,7 @@ def quintic(start, end, duration):
 
 
 def polynomial(c, t, order=0):
-    """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]; or one
-    t -> [...]."""
+    """The spline's position, or its derivative of that order: c [..., 6], t [K] -> [..., K]."""
     # numpy wants the coefficients first: [6, ...]
     return polyval(t, polyder(np.moveaxis(c, -1, 0), order))
 
@@ -282,7 +276,6 @@ def capture_step(lean, lean_over_support, swings, old, p):
     right, double support included; old [n, 2, 3]: the answer of the last tick.
 
     Seen from behind, with the trunk T, the swing foot L and the support foot R:
-
             as planned        leans to the left     and answers
 
                T                   T                     T
@@ -294,9 +287,9 @@ def capture_step(lean, lean_over_support, swings, old, p):
     moves by h·lean. The swing leg turns with it: without an answer L lands as far from R as
     planned. To answer, the inverse kinematics is told that the trunk leans by e more than planned.
     To reach the same place from such a trunk it turns the leg, and the real foot lands h·e farther
-    in the direction of the lean. e is `capture` times the lean beyond ± usual_lean. (How fast the
-    robot tilts is not answered.) If the robot leans to the other side, over R, such a landing would
-    bring the feet together. So there the sideways part is shifted back by h·e."""
+    in the direction of the lean. e is `capture` times the lean beyond ± usual_lean. If the robot
+    leans to the other side, over R, such a landing would bring the feet together, so its sideways
+    part is shifted back by h·e."""
     e = p.capture * (lean - np.clip(lean, -p.usual_lean, p.usual_lean))  # [n, 2]
     # A positive roll leans to the right, so h·e is a shift back to the left.
     back = np.where(lean_over_support > 0, p.trunk_height * e[:, 0], 0)  # [n]
@@ -310,11 +303,9 @@ def capture_step(lean, lean_over_support, swings, old, p):
 
 def waiting_pace(lean_over_support, p):
     """Returns the pace of a plan, the ticks by which it advances in a tick, [n], from 0 to 1;
-    lean_over_support [n]: positive outward [rad].
-
-    Up to late_lean the pace is 1. Beyond it the pace falls by `wait` per rad. A robot that leans
-    outward over its support foot needs more time until it comes back to the other foot. How much?
-    See `tests/course/predict.md`, *waiting*: there the robot is a pendulum."""
+    lean_over_support [n]: positive outward [rad]. A robot that leans outward over its support foot
+    needs more time until it comes back to the other foot. How much? See `tests/course/predict.md`,
+    *waiting*: there the robot is a pendulum."""
     # pace = 1 − wait·(lean − late_lean), from 0 to 1
     return np.clip(1 - p.wait * (lean_over_support - p.late_lean), 0, 1)
 
@@ -333,8 +324,7 @@ class WalkPlan:
         self.feet = feet  # [n, T + 1, 2, 4] x, y, z of the sole below the ankle [m], yaw [rad]
         self.ticks = engine.period_ticks  # T
         self.most_ticks = self.ticks + (p.longest_wait_ticks if p.wait else 0)
-        # [n] ticks of the plan that each robot has done: fewer than have passed, if it waited
-        self.progress = np.zeros(len(robots))
+        self.progress = np.zeros(len(robots))  # [n] ticks of the plan done: fewer, if it waited
 
     def go_on(self, rows, tick, imu):
         """See `Trajectory`."""
@@ -383,14 +373,12 @@ def reflex(rate_error, swings, p):
 
 # ------------------------------------------------------------------------ to walk with it
 def push_force(robot, speed):
-    """The force [N] that gives the torso alone this speed [m/s] within PUSH_TICKS."""
-    # force = mass·Δv / duration
+    """The force [N] that gives the torso alone this speed [m/s]: mass·Δv / duration."""
     return robot.torso.mass * speed / (PUSH_TICKS * robot.control_dt)
 
 
 def walkers(sim, num_robots, parameters=None, robot=robot_model.ROBOT):
-    """The engine that plans for N robots, and their simulator (`reset` it first); parameters: None
-    for TUNED."""
+    """The engine that plans for N robots, and their simulator; `reset` it first."""
     simulator = robot_model.SIMULATORS[sim]
     engine = WalkEngine(num_robots, parameters or TUNED[sim], robot, simulator.planar)
     return engine, simulator(num_robots, engine.stance, robot)
@@ -479,10 +467,9 @@ def plot_push(pushes, engine, path):
 
 
 def plot_plan(engine, plan, motion, path):
-    """Draws a robot's double step over time: feet and trunk, planned and simulated. Where do they
-    differ? In 3-D all of the robot is 2 cm beside its plan, because its first double step drifted.
-    The feet rise 6 to 8 mm less than planned: motors are springs, which back-EMF and dry friction
-    hold back, and the torso sinks by up to 5 mm."""
+    """Draws a robot's double step over time: feet and trunk, planned and simulated. In 3-D all of
+    the robot is 2 cm beside its plan, because its first double step drifted, and the feet rise 6 to
+    8 mm less than planned: back-EMF and dry friction hold the motors back, and the torso sinks."""
     robot = engine.robot
     # Left foot, right foot, trunk; the simulated ones begin a tick later  [T + 1 or T, 3, 3]
     planned = np.concatenate([plan.feet[0, ..., :3], plan.trunk[0, :, None, :3]], 1)

@@ -1,28 +1,25 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. Our copy has lost Table I and Fig. 2, with the formulas of the reward
-and the encoding of the observation. So these are our choice, and so is how widely goals and errors
-vary. One action is one double step. The robot is at the goal if two double steps in a row end
-there; in the paper one is enough.
+Paper: section II a, b, d, e. Our copy has lost Table I and Fig. 2, so formulas of rewards and the
+encoding of the observation are ours. An action is a double step. Two in a row must end at the goal;
+in the paper one is enough.
 
     python 03_env.py             a random planner, then a hand-written one, in 2-D; 10 seconds
     python 03_env.py --mujoco    the same in 3-D
 
 Predict, then look at what is printed (1) and at `runs/<sim>/03_rewards.png` (2):
-
-1. In 60 double steps, about five episodes, each of eight reward terms (`reward_terms`) pays a robot
-   with the hand-written planner something. Which two pay most, and which cost?
+1. Eight reward terms (`reward_terms`) pay a robot with the hand-written planner in 60 double steps.
+   Which two pay most, and which cost?
 2. A measured x or y of the goal is off by 5 cm (standard deviation). How exact is an estimate from
    one measurement, from five, from ten, while the robot stands, and while it walks?
 
-A planner chooses the actions; a policy is a planner that is learned. An episode is one walk. At the
-goal, or after a fall, the task is over: the episode is terminated. When only the time is up, the
-walk could go on: the episode is truncated. Stage 4 must tell these two apart.
+A planner chooses actions; a policy is a learned planner. An episode is a walk. At the goal or after
+a fall it is terminated. When only the time is up, it could go on: it is truncated. Stage 4 must
+tell these two apart.
 
-`FootstepWorld` is the whole task for N robots. `FootstepVectorEnv` and `FootstepEnv` give it the
-interfaces of Gymnasium, for N robots and for one. Floor and body are random in every episode
-(`Spread`), and the robot is pushed if you ask for it. With noise, an estimate of the goal combines
-all measurements so far (`predict`, `correct`).
+`FootstepWorld` is the whole task for N robots; `FootstepVectorEnv` and `FootstepEnv` give it the
+interfaces of Gymnasium. Floor and body are random (`Spread`), and pushes if you ask for them. Noisy
+goals are estimated from all measurements so far (`predict`, `correct`).
 
 Read down to the line of equals signs.
 """
@@ -76,7 +73,7 @@ class Task:
 class StepLimits:
     """The smallest and the largest footstep that an action can command."""
 
-    low: tuple  # x [m], y [m], yaw [rad]; y and yaw are positive outward
+    low: tuple  # x [m], y [m], yaw [rad]; y and yaw outward
     high: tuple
 
 
@@ -98,10 +95,9 @@ LIMITS = {
 #     robot >- - - - - - - - - ahead     α: the goal's yaw, from straight ahead
 #
 # "zoomed": in units of 0.5 m, clipped to ±1. Near the goal these change faster than d. Of a goal
-# beyond 2 m (7 % in training, where half of the goals are far) a policy sees little but the
-# direction and the yaw. What a double step does also depends on how the body moves when it begins.
-# No planner sees that; the last action stands in for it: −1 is the low limit, 1 the high one. Each
-# row: name, unit, low, high.
+# beyond 2 m (7 % in training) a policy sees little but the direction and the yaw. What a double
+# step does also depends on how the body moves when it begins. No planner sees that; the last action
+# stands in for it: −1 is the low limit, 1 the high one. Each row: name, unit, low, high.
 ACTION_NAMES = [f"{foot} {axis}" for foot in ("left", "right") for axis in ("x", "y", "yaw")]
 OBSERVATION = [
     ("distance d, clipped", "m", 0.0, 2.0),
@@ -179,11 +175,8 @@ def potentials(goal, near_m):
 
 def margin_at_rest(after, closing_step, task):
     """How far inside the goal's tolerance robots come to rest [n]: 1 in its middle, 0 at its edge,
-    negative outside. A robot that arrives still closes its feet, which moves it on by about 1 cm.
-
-    after [n, 3]: the goal seen from the robot after a double step; closing_step [n, 3]: how closing
-    the feet moves it."""
-    # The goal as seen once the robot has moved by closing_step
+    negative outside. A robot that arrives still closes its feet, which moves it on by about 1 cm:
+    closing_step [n, 3]. after [n, 3]: the goal seen from the robot before that."""
     d, alpha, _ = polar(robot_model.relative(closing_step, after))
     return 1 - np.maximum(d / task.success_m, np.abs(alpha) / task.success_rad)
 
@@ -192,7 +185,6 @@ def reward_terms(
     before, after, action, last_action, fall, success, task=Task(), periods=1, margin=0
 ):
     """The scaled reward terms by name, each [n]; their sum is the reward. All formulas are ours.
-
         r_d, r_a, r_o   s·(Φ′ − Φ) with s_d, s_a, s_o of the task: `potentials` after the double
                         step minus those before it
         r_c             −s_c·Σ (action − last action)²
@@ -200,7 +192,6 @@ def reward_terms(
         r_goal          s_goal, of a success
         r_time          −s_time·periods
         r_stay          s_stay·margin, of a success
-
     before, after [n, 3]: the goal seen from the robot around the double step; actions [n, 6] in
     [0, 1]; fall, success [n] bool; periods [n]: how long the double step took, in usual ones;
     margin [n]: see `margin_at_rest`.
@@ -230,20 +221,17 @@ def reward_terms(
 DRIFT = {"pymunk": (0.014, 0.008, 0.0), "mujoco": (0.0214, 0.0185, 0.1262)}
 
 
-# A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw. For a double step the filter
-# expects DRIFT: 1 to 2 cm, in 3-D 0.13 rad. So it pays to remember the measurements: a Kalman
-# filter. (In 3-D it pays less for the yaw, and for a distant goal, which an unplanned turn moves to
-# the side.) The filter also keeps how large its error may be: the covariance P of the errors of x,
-# y and yaw. Its diagonal holds their variances.
+# A measured goal is off by 5 cm in x and in y, by 0.05 rad in yaw; a double step by 1 to 2 cm (in
+# 3-D also by 0.13 rad). So it pays to remember measurements: a Kalman filter. It also keeps how
+# large its error may be: the covariance P of the errors of x, y, yaw (diagonal: their variances).
 def predict(goal, covariance, motion, drift):
     """The goal [n, 3] after a double step of the robot, and the covariance [n, 3, 3] of its error.
     motion [n, 3]: planned pose of the trunk after the double step, seen from that before it; drift
-    [3]: standard deviation of the process noise, see DRIFT. In m, m, rad."""
+    [3]: see DRIFT. In m, m, rad."""
     goal = robot_model.relative(motion, goal)
     x, y, _ = goal.T
     turn = motion[:, 2]
-    # The robot has turned, so what it sees turns back, and so does the error of x and y, by
-    # J = Rz(−turn).
+    # The robot has turned, so what it sees turns back, as does the error of x and y: J = Rz(−turn).
     J = robot_model.rotation(0, 0, -turn)  # [n, 3, 3]
     # Let the double step end a small e = (e_x, e_y, e_yaw) away from its plan, as seen from there.
     # This moves a goal at (x, y) by −(e_x − y·e_yaw, e_y + x·e_yaw, e_yaw) = −G·e: an unplanned
@@ -291,8 +279,8 @@ def draw_goals(rng, count, task=Task(), far=False):
 @dataclass(frozen=True)
 class Spread:
     """How far floor and robot may be from the model in an episode (domain randomization): ± on
-    every number of the field of the same name in the Variation of stage 1, each uniform and
-    independent, drawn in the order of the fields. All zeros: the model itself. Sizes: ours."""
+    every number of the Variation's field of this name, uniform and independent, in the order of
+    these fields. All zeros: the model itself. Sizes: ours."""
 
     friction: float = 0.3  # [-] on μ
     mass: float = 0.10  # [-] on the factors of every link's mass and inertia
@@ -309,8 +297,7 @@ class Spread:
         for name, size in vars(self).items():
             values = getattr(variation, name)  # [n, …]
             values += [rng.uniform(-size, size, values.shape[1:]) for rng in rngs]
-        # Neither is below 0
-        variation.friction = np.abs(variation.friction)
+        variation.friction = np.abs(variation.friction)  # not below 0
         variation.delay = np.abs(variation.delay)
         return variation
 
@@ -331,8 +318,8 @@ def checked(name, value, *shape):
     return array
 
 
-# A robot's generator makes others in each episode: for the goal's place, for floor and body, for the
-# noise of the measured goal, for pushes (when, in which direction), and for the errors of the IMU
+# A robot's generator makes others in each episode: for the goal's place, floor and body, the noise
+# of the measured goal, pushes (when, in which direction), and the errors of the IMU.
 Dice = namedtuple("Dice", "goal world noise push imu")
 
 
@@ -368,7 +355,7 @@ class FootstepWorld:
         self.neutral_action = to_action(np.zeros((2, 3)), self.limits)
         self.rng = np.array(np.random.default_rng().spawn(num_robots))  # [N] the robots' own
         self.dice = [None] * num_robots  # the Dice of each, since its first reset
-        # x, y [m], yaw [rad] of the goals in the world, and estimates of them, seen from the robots
+        # The goals in the world, x, y [m], yaw [rad]; estimates of them, seen from the robots
         self.goal, self.estimate = np.zeros((2, num_robots, 3))  # [N, 3] each
         self.covariance = np.zeros((num_robots, 3, 3))  # of the estimate's error, in m and rad
         self.last_action = np.zeros((num_robots, 6))
@@ -377,9 +364,8 @@ class FootstepWorld:
         self.steps, self.ticks, self.in_a_row, self.arrival = np.zeros((4, num_robots), int)
 
     def reset(self, robots, rngs=(), goals=None):
-        """Starts episodes: these robots stand at the origin.
-        rngs: n random generators; without them the robots go on with their own. goals [n, 3];
-        without them the goals are random."""
+        """Starts episodes: these robots stand at the origin. rngs: n random generators, else the
+        robots go on with their own. goals [n, 3], else they are random."""
         if goals is not None:
             goals = checked("goals", goals, len(robots), 3)
         if rngs:
@@ -418,9 +404,8 @@ class FootstepWorld:
         task = self.task
         std = self.noise * np.array([task.noise_m, task.noise_m, task.noise_rad])
         noise = [self.dice[i].noise.normal(0, std) for i in robots]  # [n, 3]
-        # Without noise R is nearly 0, so K is 1: only the new measurement counts. (But for the yaw
-        # in 2-D: without drift K is 1, ½, ⅓, …, and each measurement equals its prediction. With
-        # R = 0 there would be no inverse.)
+        # Without noise R is nearly 0, so K is 1: only the new measurement counts. (R = 0 has no
+        # inverse for the yaw in 2-D, which does not drift.)
         measured = self.relative_goal(robots) + noise
         self.estimate[robots], self.covariance[robots] = correct(
             self.estimate[robots], self.covariance[robots], measured, np.maximum(std, 1e-6)
@@ -459,11 +444,10 @@ class FootstepWorld:
         return disturbance
 
     def step(self, actions, robots):
-        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1].
-
-        Returns a dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all
-        bool), time [s], reward, and reward_terms by name; and the simulator's Motion. The time of a
-        success ends with the first of the double steps in a row that ended inside."""
+        """Simulates one double step of these robots; actions [n, 6], clipped to [0, 1]. Returns a
+        dict of arrays [n]: success, fall, timeout, inside (the goal's tolerance; all bool), time
+        [s], reward, and reward_terms by name; and the simulator's Motion. The time of a success
+        ends with the first of the double steps in a row that ended inside."""
         task, dt = self.task, self.engine.robot.control_dt
         actions = np.clip(checked("actions", actions, len(robots), 6), 0, 1)
         if None in [self.dice[i] for i in robots]:
@@ -520,8 +504,8 @@ def one_line_if_it_exits(file):
 
 
 def names_in(path, **wanted):
-    """What a file of your own defines: its values of these names, which must have these types.
-    Errors in the file keep their own traceback."""
+    """The values of these names, of these types, that a file of your own defines. Errors in the
+    file keep their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
@@ -559,7 +543,7 @@ def robot_settings(path, sim):
 
 # ------------------------------------------------------------------------ a picture
 def sole(robot, side):
-    """Outline [4, 2] of a sole on the floor, x, y [m] seen from its ankle; side: 0 left, 1 right."""
+    """Outline [4, 2] of a sole on the floor, x, y [m] from its ankle; side: 0 left, 1 right."""
     x = [robot.foot_front, robot.foot_front, -robot.foot_back, -robot.foot_back]
     y = (1, -1)[side] * robot.foot_outward + robot.foot_width / 2 * np.array([1, -1, -1, 1])
     return np.column_stack([x, y])
@@ -639,23 +623,19 @@ class FootstepEnv(gym.Env):
     Box(0, 1, (6,)): where both feet step, as shares of LIMITS: x, y, yaw of the left foot, then of
     the right one, y and yaw positive outward. `envs.neutral_action` steps on the spot.
 
-    ## Observation
-    Box (14,): the goal seen from the robot, and the last action, see OBSERVATION.
-
-    ## Reward
-    The sum of `reward_terms`: for progress, changes of the steps, a fall, the goal, rest and time.
+    ## Observation and reward
+    Box (14,): the goal seen from the robot, and the last action, see OBSERVATION. The reward is the
+    sum of `reward_terms`.
 
     ## Start and end of an episode
     The robot stands at the origin; goal, floor and body are random. Terminated: two double steps in
-    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: after 100 s.
+    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: after
+    100 s.
 
     ## Arguments
     render_mode: None or "rgb_array". (`gymnasium.wrappers.RecordVideo` films it if moviepy is
     installed.) The others are those of `FootstepWorld`; `reset` takes options={"goals": [(x, y,
-    yaw)]}.
-
-        gymnasium.make("03_env:Footsteps-v0", sim="mujoco", noise=True)
-    """
+    yaw)]}. `gymnasium.make("03_env:Footsteps-v0", sim="mujoco", noise=True)` makes one."""
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 2}  # a picture for a double step
 
@@ -687,14 +667,8 @@ class FootstepEnv(gym.Env):
         world, camera = self.envs.world, robot_model.camera_at()
         robot_model.draw_ground(axes, camera, 0.5)
         draw_way(axes, world, world.goal[0], [], camera)
-        state = world.simulator.state
-        robot_model.draw_robots(
-            axes,
-            world.engine.robot,
-            state[:, robot_model.TORSO],
-            state[:, robot_model.ANGLES],
-            camera,
-        )
+        torso, joints, _ = np.split(world.simulator.state, [6, 18], 1)
+        robot_model.draw_robots(axes, world.engine.robot, torso, joints, camera)
         return robot_model.pixels(axes.figure)
 
 
@@ -717,8 +691,7 @@ def hand_written(goal, limits):
 
 def estimate_errors(sim, seed):
     """The root mean square error of the estimate's x and y after 1, 2, … 15 measurements, and what
-    the filter claims, [2, 15] [m]. 64 robots walk with the hand-written planner to goals 2 m ahead,
-    so far that all still walk at the end."""
+    the filter claims, [2, 15] [m], for 64 robots that walk by `hand_written` to goals 2 m ahead."""
     world, robots = FootstepWorld(64, sim, noise=True), np.arange(64)
     world.reset(robots, [stream("training", seed, i) for i in robots], [[2, 0, 0]] * 64)
     rows = []
@@ -731,8 +704,8 @@ def estimate_errors(sim, seed):
 
 
 def plot_rewards(episode, errors, path):
-    """Draws what every reward term paid in the double steps of an episode, [K] by its name (left),
-    and errors as by `estimate_errors` (right)."""
+    """Draws what each reward term paid in the K double steps of an episode, [K] by its name, and
+    errors as by `estimate_errors`."""
     curves, estimate = robot_model.Figure(figsize=(9, 4.5)).subplots(1, 2)
     for term, values in sorted(episode.items(), key=lambda item: -item[1].sum()):
         if values.any():

@@ -1,8 +1,8 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable), trained with PPO, proximal policy optimization [7]. The paper used the PPO of [8]. Here
-it is written out, so that every equation has a line to point at:
+variable), trained with the PPO of [8]. Here it is written out, so that every equation has a line to
+point at:
 
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken, here 245 times:          `train`
@@ -16,19 +16,14 @@ it is written out, so that every equation has a line to point at:
         (4) log how the episodes ended                                `episode_means`
 
     python 04_ppo.py                 250,000 double steps of the planar robot (`--mujoco`: in 3-D)
-    python 04_ppo.py --quick         60,000 double steps, in two minutes, into runs/<sim>/quick/
+    python 04_ppo.py --quick         60,000, in two minutes, into runs/<sim>/quick/
     python 04_ppo.py --gamma 0.9     another setting: fields of `PPOConfig` are flags
     python 04_ppo.py --robot my.py   another robot: ROBOT, WALK, LIMITS of your file
 
-The goal is measured with noise. In runs/<sim>/ the stage keeps checkpoint.pt, the policy so far,
-and at the end policy.pt, learning_curve.csv and learning_curve.png instead. (`plot_learning_curve`
-says what is normal.) Read down to the line of equals signs.
+The goal is measured with noise. The stage writes checkpoint.pt, the policy so far, to runs/<sim>/,
+and at the end policy.pt and learning_curve.png (`plot_learning_curve` says what is normal).
 
-Left out: recurrent policies, GPUs, normalised observations; an entropy bonus, value clipping and a
-stop at a large KL, which [8] has, but not by default.
-[7] Schulman et al., 2017: Proximal Policy Optimization Algorithms.
-[8] Raffin et al., 2021: Stable-Baselines3: Reliable Reinforcement Learning Implementations.
-[GAE] Schulman et al., 2015: High-Dimensional Continuous Control Using GAE, arXiv 1506.02438.
+Read down to the line of equals signs. Left out: recurrent policies, GPUs, normalised observations.
 """
 
 import json
@@ -53,8 +48,11 @@ STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """The settings, each with its source: [P] the paper; [7]; [8] its default; [own] our choice
-    (how: results/README.md, *ladder*). In parentheses: the name in [8]."""
+    """The settings, each with its source: [P] the paper; [7]; [8] its default (like us: no entropy
+    bonus, no value clipping, no stop at a large KL); [own] our choice (how: results/README.md,
+    *ladder*). In parentheses: the name in [8].
+    [7] Schulman et al., 2017: Proximal Policy Optimization Algorithms.
+    [8] Raffin et al., 2021: Stable-Baselines3: Reliable Reinforcement Learning Implementations."""
 
     num_envs: int = 64  # N, robots that walk at the same time, `collect` (n_envs) [own]
     rollout: int = 16  # T, double steps of each robot in an update, `collect` (n_steps) [own]
@@ -102,14 +100,15 @@ def collect(model, envs, obs, steps):
 
 
 # What is maximised? The policy π(a|s) is a distribution over the actions a for each observation s.
-# The return from step t on is G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …, with the reward r_t of a step
-# and the discount γ, a little below 1. PPO makes its average large.
+# PPO makes the average return large, G_t = r_t + γ·r_{t+1} + γ²·r_{t+2} + …, with the reward r_t of
+# a step and the discount γ, a little below 1.
 #   value      V(s) = E[G_t | s]: the average return from s on; learned by the critic
 #   advantage  A_t: how much better the action was than the average one, about G_t − V(s_t)
 # A step along the gradient of A_t·ln π(a_t|s_t) makes good actions more likely, and bad ones less.
 # (Why this one? See `policy_ratio`.)
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
-    """(2) Advantages A_t by generalised advantage estimation [GAE]; everything [T, N].
+    """(2) Advantages A_t by generalised advantage estimation, GAE (Schulman et al., 2015: High-
+    Dimensional Continuous Control Using Generalized Advantage Estimation); everything [T, N].
 
     next_values[t] is V of what really followed step t. (After a fall it does not count.)
     The action of one step gave r_t + γ·V(s_{t+1}), and V(s_t) was expected. The difference is
@@ -141,12 +140,11 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 
 
 def clipped_objective(ratio, advantage, clip):
-    """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s).
-    PPO uses a sample several times while the policy moves on, so the sample is weighted by ρ. Once
-    ρ has moved far enough in the good direction there is nothing more to gain: for A > 0 the
-    objective is flat where ρ > 1 + ε, for A < 0 where ρ < 1 − ε. A ρ that has moved the other way
-    keeps its gradient, which brings it back. Hence the minimum. (ε is no bound, because other
-    samples move π, too, and ρ with it.)"""
+    """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s). PPO uses a sample several
+    times while the policy moves on, so the sample is weighted by ρ. Once ρ has moved far enough in
+    the good direction there is nothing more to gain: for A > 0 the objective is flat where
+    ρ > 1 + ε, for A < 0 where ρ < 1 − ε. A ρ that has moved the other way keeps its gradient, which
+    brings it back. Hence the minimum. (ε is no bound: other samples move π, too, and ρ with it.)"""
     # min(ρ·A, clip(ρ, 1 − ε, 1 + ε)·A)
     return torch.min(ratio * advantage, ratio.clamp(1.0 - clip, 1.0 + clip) * advantage)
 
@@ -215,7 +213,7 @@ def improve(model, optimizer, data, cfg):
 # ------------------------------------------------------------------------ the loop
 def episode_means(infos):
     """(4) The means over the episodes that ended in these steps; nan where nothing was reported.
-    "return": the sum of an episode's rewards, not discounted; "time": of the successes."""
+    "return" is not discounted; "time" is that of the successes."""
     found = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
     for info in infos:
         if "_episode" in info:  # [N] whose episode has ended
@@ -231,8 +229,8 @@ def episode_means(infos):
 
 @contextmanager
 def one_thread():
-    """PyTorch computes on the CPU, whatever a notebook's default is, and with one thread: quicker
-    here, and core counts change no rounding."""
+    """PyTorch computes on the CPU, whatever a notebook's default is, and with one thread, which is
+    quicker here and rounds alike on every machine."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -297,19 +295,16 @@ def policy_ratio(model, obs, action, old_log_prob):
     """ρ = π(a|s) / π_old(a|s) of n samples [n]. Its gradient is ρ·∇ln π(a|s), so before the first
     step, where ρ is 1, that of ρ·A is A·∇ln π. Why is this the right direction?
 
-    The policy gradient says how the average return changes with the policy's parameters; ∇ is the
-    gradient with respect to these. First for one decision (for continuous actions Σ is an
-    integral):
+    The policy gradient says how the average return changes with the policy's parameters (∇). First
+    for one decision (for continuous actions Σ is an integral):
         E[G] = Σ_a π(a)·G(a).   As ∇π = π·∇ln π:   ∇E[G] = Σ_a π·G·∇ln π = E[G·∇ln π].
     A number b, the same for all actions, changes nothing: as Σ_a π = 1, E[b·∇ln π] = b·Σ_a ∇π = 0.
     So we may subtract b = V(s), usually with less noise: E[A·∇ln π].
-
     An episode is many decisions. Its probability is the product of all π(a_t|s_t)·p(s_{t+1}|s_t,
     a_t), where p is what the world does. So its logarithm is a sum, and the terms of the world, ln
     p, do not depend on our parameters. The rewards before a decision do not depend on its action,
     so they drop out like b. The gradients of all decisions add up: E[Σ_t A_t·∇ln π(a_t|s_t)]. (We
-    leave out a factor γᵗ, as nearly everybody does: with it late decisions would hardly be
-    learned.)"""
+    leave out a factor γᵗ, as nearly everybody: with it late decisions would hardly be learned.)"""
     return (model.policy(obs).log_prob(action) - old_log_prob).exp()
 
 
@@ -344,13 +339,13 @@ class ActorCritic(nn.Module):
         self.sizes = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # The last weights are small, so the first outputs x are nearly the bias. The bias is chosen
-        # so that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
-        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
+        # The last weights are small, so the first outputs x are nearly the bias. It is chosen so
+        # that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
+        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus),
+        # solved for x.
         mode = torch.as_tensor(first_action, dtype=torch.float32, device="cpu")
         mode = mode.expand(act_dim).clamp(0.01, 0.99)
         c_minus_2 = torch.full_like(mode, concentration - 2.0)
-        # Both are solved for x
         self.actor[-1].bias.data = torch.cat([mode.logit(), c_minus_2.expm1().log()])
 
     def value(self, obs):
@@ -395,8 +390,7 @@ def first_model(envs, cfg, make_model):
 
 # ------------------------------------------------------------------------ files
 def as_json(value):
-    """The value as numbers, texts, lists and dicts; also arrays and dataclasses in it. (A file with
-    numbers of numpy in it can be written, but not be read.)"""
+    """The value as numbers, texts, lists and dicts: with numpy's in it no file could be read."""
 
     def inside(part):
         return part.tolist() if hasattr(part, "tolist") else vars(part)
@@ -421,8 +415,7 @@ def fingerprint(world):
 
 
 def save_policy(path, model, **about):
-    """Writes the model as it is now, and `about`. The name of the weights says what the actor's
-    outputs mean: a file in which they mean something else is refused."""
+    """Writes the model and `about`. The name of the weights says what the actor's outputs mean."""
     stored = {**as_json(about | model.sizes), "mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
@@ -464,10 +457,9 @@ def plot_learning_curve(rows, path, title):
         KL          0.036 -> 0.015 nats: how far a rollout moves the policy (Kullback-Leibler). KL
                     and *outside* fall because the learning rate does, not because all is learned.
         explained   less than 0.1 -> 0.2: how much of the differences between the critic's targets
-        variance    does V predict? 1: all; 0: none; below 0 (one update of six or eight): it is
-                    worse than their mean. Even the true goal tells little of what a walk will
-                    return (projects.md). At first the targets V + A hold an untrained V, and this
-                    says nothing."""
+        variance    does V predict? 1: all; 0: none; below 0: it is worse than their mean. Even the
+                    true goal tells little of what a walk will return (projects.md). At first the
+                    targets V + A hold an untrained V, and this says nothing."""
     steps = np.array([row["steps"] for row in rows]) / 1000  # [U]
     width = len(rows) // 20 + 1
     weights = np.ones(width) / width  # of the updates in a mean

@@ -1,30 +1,25 @@
 """Stage 5: is the learned policy better than other planners, and how sure are we?
 
-Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). With its
-policy, and noise, the robot takes 56 % of the baseline's time, and falls about twice as often. Is
-this so with ours? Guess, then run
+Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). With noise its
+policy takes 56 % of the baseline's time, and falls about twice as often. Does ours? Guess, then run
 
     python 05_evaluate.py --noise          the paper's table and figure, with our robot: a minute
     python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average
-    python 05_evaluate.py --planner my.py  your own planner beside the others (several, if you like)
+    python 05_evaluate.py --planner my.py  your own planner beside the others (or several)
     python 05_evaluate.py --robot my.py    another robot: ROBOT, WALK, LIMITS of your file
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
     python 05_evaluate.py --mujoco         all of this in 3-D
 
-It evaluates your own policy, in `runs/<sim>/`, or else the shipped one in `results/<sim>/`, or the
-files that you name with `--policy`. It prints tables, and writes them, all trials and
-footsteps.png, with walks to two goals, to `runs/<sim>/`. Times are those of the walks that succeed.
+It evaluates your policy, in `runs/<sim>/`, or else the shipped one, or what `--policy` names. Its
+tables (times: of successes), all trials and footsteps.png, two walks, go to `runs/<sim>/`.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
 noise (common random numbers). So no row has easier goals, and we may compare trial by trial: falls
-with `mcnemar`, times with `bootstrap`. Seed 0 is for trying things. Test your final choice with
-another `--seed`.
+with `mcnemar`, times with `bootstrap`. Test your final choice with another `--seed` than 0.
 
-Read down to the line of equals signs: trials and statistics.
-
-Left out: standing up after a fall, obstacles, the spread over training seeds.
+Read down to the line of equals signs. Left out: standing up after a fall, obstacles.
 """
 
 import csv
@@ -142,10 +137,8 @@ def wilson(count, total, z=1.96):
 
 def bootstrap(statistic, *samples, resamples=2000):
     """95 % interval of a statistic of samples [n], by resampling: many times n of the n walks are
-    chosen at random, with replacement. (Stage 4's bootstrapping is something else.)
-
-    statistic: gets these choices from each of the samples, arrays [resamples, n], and returns
-    [resamples] numbers."""
+    chosen at random, with replacement. statistic: gets these choices from each of the samples,
+    arrays [resamples, n], and returns [resamples] numbers."""
     count = len(samples[0])
     pick = np.random.default_rng(0).integers(count, size=(resamples, count))  # [resamples, n]
     return np.percentile(statistic(*(sample[pick] for sample in samples)), [2.5, 97.5])
@@ -263,8 +256,7 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     lead: share of a sideways distance and of a turn that the leading foot takes, outward."""
     # x: each foot lands v_x·(period/2) ahead of the other one
     # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
-    #    its share, outward; the other foot follows with the rest, inward
-    # yaw: the turn ω·period is shared in the same way
+    #    its share, outward; the other foot follows with the rest, inward. So it is for ω·period.
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] of both feet together, to the left [m, rad]
     first = way * lead  # of the leading foot
@@ -337,8 +329,8 @@ PART = 100  # trials that go to another process together; with 50 all walks take
 
 
 def parts_of(trials):
-    """The same trials in parts of nearly equal size. So no part of several has one robot alone, for
-    which PyTorch rounds in another way than for many."""
+    """The same trials in parts of nearly equal size, none with one robot alone, for which PyTorch
+    rounds in another way."""
     starts = range(0, len(trials.goals), PART)
     return [
         replace(trials, goals=trials.goals[own], first=own[0])
@@ -349,8 +341,8 @@ def parts_of(trials):
 @contextmanager
 def in_other_processes(jobs, count):
     """Lets so many other processes walk (none, if `count` is 1), but not for a user's planner;
-    jobs: arguments of `walk` by row. Gives futures by row, one for each part of its trials. When
-    the block ends, also by an error or by Ctrl-C, these processes end at once, and no others."""
+    jobs: arguments of `walk` by row. Gives futures by row, one for each part of its trials. However
+    the block ends, these processes end with it, and no others."""
     if count == 1:
         yield {}
         return
@@ -372,8 +364,7 @@ def in_other_processes(jobs, count):
 
 
 def evaluate_all(args, blocks, planners, settings):
-    """Evaluates every planner in every block of Trials, in worlds with these settings; with --noise
-    a second time with noise. Returns what `evaluate` does, by row: (planner's name, noise, σ).
+    """What `evaluate` returns, by row: (planner's name, noise, σ), in worlds with these settings;
     blocks: Trials by the σ of their goals [m]."""
     jobs = {  # in the order of the table
         (name, noise, std): (planner, trials, settings | {"noise": noise, "push": args.push or 0})
@@ -395,8 +386,8 @@ def evaluate_all(args, blocks, planners, settings):
 
 # ------------------------------------------------------------------------ tables
 def compare(results):
-    """Compares the policy with every other planner, see `mcnemar` and, unless they have no goal in
-    common, `time_ratio`. results: what `evaluate` returns, by row."""
+    """Compares the policy with every other planner, see `mcnemar` and `time_ratio`; results: what
+    `evaluate` returns, by row."""
     rows = []
     for (name, noise, std), walks in results.items():
         if name != "policy":
@@ -486,8 +477,8 @@ def ratio_line(row):
 
 
 def table(rows, ratios, flags=""):
-    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise;
-    the policy compared with the others. Flags change the walks, so the paper's rows leave."""
+    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise
+    (the paper's leave if flags change the walks); the policy compared with the others."""
     text = f"With {flags}\n" if flags else NOTE
     for (std, noise), block in itertools.groupby(rows, itemgetter("goal_std_m", "noise")):
         lines = [rate_line(row) for row in block]
@@ -583,8 +574,7 @@ def foot_poses(robot, torso, joints):
 
 
 def draw_walks(panel, world, planner, trials):
-    """Draws walks from above while the robots walk, the footprints at the end of each double step,
-    and at each goal how the walk to it ends."""
+    """Draws walks from above, with the footprints of each double step, and how they end."""
     feet = [[] for _ in trials.goals]  # of every robot, [K, 2, 3]
 
     def watch(robots, motion):
@@ -602,7 +592,7 @@ def draw_walks(panel, world, planner, trials):
 
 # ------------------------------------------------------------------------ command line
 def arguments(argv, doc=__doc__):
-    """The flags of the command line. Those without a help are told in the head of this file."""
+    """The flags of the command line; the head of this file explains those without a help."""
     parser = robot_model.stage_parser(doc)
     add = parser.add_argument
     several = {"type": Path, "nargs": "+", "default": []}

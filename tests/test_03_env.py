@@ -800,12 +800,8 @@ def test_a_robot_that_cannot_stand_or_step_is_one_line_that_names_its_file(own_f
 def test_a_misspelt_setting_or_option_is_an_error():
     with pytest.raises(TypeError, match="nois"):
         gym.make("Footsteps-v0", nois=True)
-    for settings, said in (
-        ({"sim": "bullet"}, "^sim is one of pymunk, mujoco, not 'bullet'$"),
-        ({"num_envs": 0}, "at least one robot, not 0$"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            FootstepVectorEnv(**settings)
+    with pytest.raises(ValueError, match="^sim is one of pymunk, mujoco, not 'bullet'$"):
+        FootstepVectorEnv(sim="bullet")
     one = env.FootstepEnv()
     one.render()  # before the first reset, too
     with pytest.raises(TypeError, match="goal'"):

@@ -617,6 +617,18 @@ def test_of_two_trainings_into_one_folder_the_second_one_ends_well():
     assert [call.args[0].name for call in saved.mock_calls] == [*["checkpoint.pt"] * 2, "policy.pt"]
 
 
+def test_a_training_says_so_if_another_one_has_just_begun_there(capsys):
+    """Before its first update, which takes minutes if it is large."""
+
+    def begun(*given):
+        train(QUICK, wandering, HERE, 64)
+        return ppo.improve(*given)
+
+    train(QUICK, wandering, HERE, 64, improve=begun)
+    (line,) = capsys.readouterr().out.splitlines()
+    assert "checkpoint.pt" in line and "still runs" in line, "two trainings write the same files"
+
+
 def test_a_notebook_s_own_default_of_pytorch_changes_nothing():
     """torch.set_default_dtype(torch.float64), or set_default_device("cuda"), as many a notebook begins.
     The device "meta", which cannot compute, stands in for one that a machine may lack."""

@@ -120,7 +120,8 @@ def play(world, name, planner, push):
 def main(argv=None):
     args = evaluate.arguments(argv, __doc__)
     world = PushedWorld(1, noise=args.noise, **evaluate.world_settings(args))
-    planners, name = evaluate.choose_planners(world, args.policy, args.planner)
+    planners = evaluate.choose_planners(world, args.policy, args.planner)
+    name = [*planners][-3]  # the last one that you chose; both baselines follow
     with env.one_line_if_it_exits(type(planners[name]).__module__):  # its file
         play(world, name, planners[name], (args.push or 0.6, 0))
 
