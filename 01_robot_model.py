@@ -235,7 +235,9 @@ def fallen(torso, standing_height):
 
 
 def centre_of_mass(robot, torso, joints):
-    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]."""
+    """Σ mᵢ·pᵢ / Σ mᵢ over all links, [K, 3] in the world; torso [K, 6], joints [K, 12]. (Of 6.1 kg,
+    h = 0.38 m above the floor in the stance. Were all mass there, a small lean would grow e-fold in
+    √(h/g) = 0.2 s.)"""
     points, turns = link_frames(robot, torso, joints)
     links = [robot.torso] + 2 * [robot.hip, robot.thigh, robot.shin, robot.foot]
     coms = np.array([link.com for link in links])
@@ -306,8 +308,7 @@ def leg_inverse(robot, position, foot_turn):
        Now we know the hip's x axis, and so r: from the ankle to the hip, and hip_x along this axis.
     3. The length of r gives the knee (law of cosines).
     4. In the plane two angles of r are known: seen from the shin (from the triangle), and seen from
-       the foot. The ankle's pitch is their difference, and the hip's pitch is the rest of the sum.
-    """
+       the foot. The ankle's pitch is their difference, and the hip's pitch the rest of the sum."""
     thigh, shin = robot.thigh_length, robot.shin_length
     # R is foot_turn, p is position. The hip from the ankle, in the foot's frame: Rᵀ·(−p); .mT: Rᵀ
     from_ankle = np.matvec(foot_turn.mT, -position)  # [..., 3]
@@ -771,7 +772,7 @@ class PymunkSim(Simulator):
 
 SIMULATORS = {"pymunk": PymunkSim, "mujoco": MujocoSim}
 PROCESS = os.getpid()  # that has imported this file
-CORES = getattr(os, "process_cpu_count", os.cpu_count)()  # from Python 3.13 on: those allowed
+CORES = getattr(os, "process_cpu_count", os.cpu_count)()  # from Python 3.13 on: that we may use
 
 
 # ------------------------------------------------------------------------ drawing

@@ -7,7 +7,7 @@ As in the paper the walk engine is that of [5]: the swing foot and the trunk mov
 splines, and inverse kinematics turns their poses into joint angles. We add three answers to what
 the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down where
 the robot leans, and steps that wait. (The paper mentions only the last, as future work.) In 2-D the
-last two gain nothing, so they are off.
+last two gain nothing in walks to a goal, so they are off.
 
 A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from
@@ -18,8 +18,7 @@ planner has to correct this.) Then it pushes twelve walking robots, each at anot
 fall without any answer, with the reflex, with capture steps, too? Guess (`tests/course/predict.md`,
 *capture*), then look at `runs/<sim>/02_push.png`.
 
-Read down to the line of equals signs: there feet and trunk get their places. Below it stand their
-paths, the answers to a push, and the code that walks and draws.
+Read down to the line of equals signs.
 
 [5] Bestmann, Zhang, 2022: Bipedal Walking on Humanoid Robots through Parameter Optimization.
 """
@@ -241,8 +240,8 @@ TUNED = {
 # ------------------------------------------------------------------------ quintic splines
 def quintic(start, end, duration):
     """Coefficients c [..., 6] of x(t) = Σ cₖ·tᵏ with three boundary conditions at each end.
-    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]. Where such
-    curves are joined no acceleration jumps, and with it no torque of a motor."""
+    start, end [..., 3]: position, velocity, acceleration at t = 0 and t = duration [s]. Curves that
+    are joined like this do not jump in acceleration, so the motors need no jump of torque."""
     p0, v0, a0 = np.moveaxis(start, -1, 0)
     p1, v1, a1 = np.moveaxis(end, -1, 0)
     D = duration
@@ -428,9 +427,8 @@ WALKS = {  # eight double steps each
 
 def pushed(sim, parameters, speed, count=12):
     """Lets robots walk straight ahead for ten double steps, and pushes each of them forward, by
-    this speed [m/s] (see `push_force`), once in the second double step. Returns the tilt of every
-    torso in every tick until its walk ended, `count` lists of numbers [rad], and which robots fell
-    [count]."""
+    this speed [m/s] (see `push_force`), once in the second one. Returns the tilts of each torso in
+    the ticks of its walk, `count` lists [rad], and which robots fell [count]."""
     tilts = [[] for _ in range(count)]
     force = push_force(robot_model.ROBOT, speed)
     moments = np.linspace(0, 2 * parameters.step_ticks - PUSH_TICKS, count).astype(int)

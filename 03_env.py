@@ -9,7 +9,7 @@ in the paper one is enough.
 
 Predict, then look at what is printed (1) and at `runs/<sim>/03_rewards.png` (2):
 1. Eight reward terms (`reward_terms`) pay a robot with the hand-written planner in 60 double steps.
-   Which two pay most, and which cost?
+   Which two pay most, which cost?
 2. A measured x or y of the goal is off by 5 cm (standard deviation). How exact is an estimate from
    one measurement, from five, from ten, while the robot stands, and while it walks?
 

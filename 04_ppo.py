@@ -1,8 +1,8 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable), trained with the PPO of [8]. Here it is written out, so that every equation has a line to
-point at:
+variable), trained with the PPO (proximal policy optimization) of Stable-Baselines3. Here it is
+written out, so that every equation has a line to point at:
 
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken, here 245 times:          `train`
@@ -48,9 +48,9 @@ STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 
 @dataclass(frozen=True)
 class PPOConfig:
-    """The settings, each with its source: [P] the paper; [7]; [8] its default (like us: no entropy
-    bonus, no value clipping, no stop at a large KL); [own] our choice (how: results/README.md,
-    *ladder*). In parentheses: the name in [8].
+    """The settings, each with its source: [P] the paper; [7]; [8] its default (where there is no
+    entropy bonus, value clipping, or stop at a large KL, either); [own] our choice (how:
+    results/README.md, *ladder*). In parentheses: the name in [8].
     [7] Schulman et al., 2017: Proximal Policy Optimization Algorithms.
     [8] Raffin et al., 2021: Stable-Baselines3: Reliable Reinforcement Learning Implementations."""
 
@@ -107,8 +107,8 @@ def collect(model, envs, obs, steps):
 # A step along the gradient of A_t·ln π(a_t|s_t) makes good actions more likely, and bad ones less.
 # (Why this one? See `policy_ratio`.)
 def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
-    """(2) Advantages A_t by generalised advantage estimation, GAE (Schulman et al., 2015: High-
-    Dimensional Continuous Control Using Generalized Advantage Estimation); everything [T, N].
+    """(2) Advantages A_t by generalised advantage estimation (GAE: Schulman et al., 2015, arXiv
+    1506.02438); everything [T, N].
 
     next_values[t] is V of what really followed step t. (After a fall it does not count.)
     The action of one step gave r_t + γ·V(s_{t+1}), and V(s_t) was expected. The difference is
@@ -229,8 +229,8 @@ def episode_means(infos):
 
 @contextmanager
 def one_thread():
-    """PyTorch computes on the CPU, whatever a notebook's default is, and with one thread, which is
-    quicker here and rounds alike on every machine."""
+    """PyTorch computes on the CPU, whatever a notebook's default is, and with one thread: quicker
+    here, and core counts change no rounding."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -252,7 +252,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
     world = getattr(envs.unwrapped, "world", None)  # environments of another task have none
     about |= {"seed": seed, "steps": updates * samples, "config": cfg}
     about["fits"] = fingerprint(world) if world else None
-    checkpoint = out / "checkpoint.pt"  # from before the first update on: a sign for the next one
+    checkpoint = out / "checkpoint.pt"  # before the first update, too: another training sees it
     if checkpoint.exists():
         print(f"{checkpoint} is replaced: of a training that was stopped, or still runs there")
     torch.manual_seed(seed)  # of the first weights
@@ -339,10 +339,9 @@ class ActorCritic(nn.Module):
         self.sizes = {"obs_dim": obs_dim, "act_dim": act_dim, "hidden": hidden}  # for the file
         self.actor = mlp((obs_dim, *hidden, 2 * act_dim), last_gain=0.01)
         self.critic = mlp((obs_dim, *hidden, 1), last_gain=1.0)
-        # The last weights are small, so the first outputs x are nearly the bias. It is chosen so
+        # The last weights are small, so the first outputs are nearly the bias x. It is chosen so
         # that `policy` gives the mode first_action (a number or [act_dim], kept within 0.01 …
-        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus),
-        # solved for x.
+        # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
         mode = torch.as_tensor(first_action, dtype=torch.float32, device="cpu")
         mode = mode.expand(act_dim).clamp(0.01, 0.99)
         c_minus_2 = torch.full_like(mode, concentration - 2.0)
@@ -390,7 +389,7 @@ def first_model(envs, cfg, make_model):
 
 # ------------------------------------------------------------------------ files
 def as_json(value):
-    """The value as numbers, texts, lists and dicts: with numpy's in it no file could be read."""
+    """The value as numbers, texts, lists and dicts. (numpy's could be written, but not be read.)"""
 
     def inside(part):
         return part.tolist() if hasattr(part, "tolist") else vars(part)

@@ -12,8 +12,8 @@ policy takes 56 % of the baseline's time, and falls about twice as often. Does o
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
     python 05_evaluate.py --mujoco         all of this in 3-D
 
-It evaluates your policy, in `runs/<sim>/`, or else the shipped one, or what `--policy` names. Its
-tables (times: of successes), all trials and footsteps.png, two walks, go to `runs/<sim>/`.
+It evaluates your policy, in `runs/<sim>/`, or else the shipped one, or what `--policy` names. To
+`runs/<sim>/` go tables (with the times of successes), all trials, and two walks: footsteps.png.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same
 noise (common random numbers). So no row has easier goals, and we may compare trial by trial: falls
@@ -256,7 +256,8 @@ def velocity_to_footsteps(velocity, period, lead=(1, 0.5)):
     lead: share of a sideways distance and of a turn that the leading foot takes, outward."""
     # x: each foot lands v_x·(period/2) ahead of the other one
     # y: of the distance v_y·period the leading foot (left to the left, right to the right) takes
-    #    its share, outward; the other foot follows with the rest, inward. So it is for ω·period.
+    #    its share, outward; the other foot follows with the rest, inward
+    # yaw: the turn ω·period is shared in the same way
     forward = velocity[:, 0] * period / 2  # [n] [m]
     way = velocity[:, 1:] * period  # [n, 2] of both feet together, to the left [m, rad]
     first = way * lead  # of the leading foot
@@ -628,7 +629,6 @@ def main(argv=None):
     if args.far:
         blocks[env.Task.far_std_m] = draw_trials(args.seed, args.episodes, far=True)
     results = evaluate_all(args, blocks, planners, settings)
-
     rows = [summary(*row, walks) for row, walks in results.items()]
     ratios = compare(results)
     flags = [
