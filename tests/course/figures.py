@@ -65,12 +65,12 @@ def humps(panel):
 def ends(panel):
     """The critic's targets for a robot on the spot, if the last step ends or cuts the episode."""
     gamma = ppo.PPOConfig.gamma
-    rewards = torch.full((20, 2), -env.Task.s_time)
+    rewards = torch.full((11, 2), -env.Task.s_time)
     value = rewards / (1 - gamma)
-    over = torch.arange(20)[:, None] == torch.tensor([19, 20])
-    panel.plot(value + ppo.gae(rewards, value, value, over, over.flip(1), gamma, 1.0), "o-")
-    panel.text(1, -0.35, "terminated: V counts as 0")
-    panel.text(1, -0.78, "truncated: V stands for the rest")
+    over = torch.arange(11)[:, None] == torch.tensor([10, 11])
+    panel.plot(value + ppo.gae(rewards, value, value, over, over.flip(1), gamma, 1.0), "o-", lw=3)
+    panel.text(1, -0.2, "terminated: V counts as 0")
+    panel.text(1, -0.77, "truncated: V stands for the rest")
     panel.set(xlabel="double step", ylabel="target of the critic")
 
 
