@@ -518,7 +518,7 @@ def main(argv=None):
     flags = " --mujoco" * (args.sim == "mujoco") + f' --robot "{args.robot}"' * bool(args.robot)
     print(
         f"policy.pt, learning_curve.csv and learning_curve.png are in {out}\n"
-        "After --quick a near goal in 2-D takes as long as with baseline_tuned, within 4 %. Yours:\n"
+        "Compare the policy with other planners:\n"
         f'    python 05_evaluate.py --noise{flags} --policy "{out / "policy.pt"}"'
     )
 

@@ -277,6 +277,17 @@ def test_commands_and_files_that_a_page_or_stage_names_exist(page, monkeypatch, 
 
 
 # ------------------------------------------------------------------------ numbers of the course
+@pytest.mark.shipped
+def test_the_figures_of_the_course_are_drawn(tmp_path, monkeypatch):
+    main_of("figures.py", monkeypatch, "--out", tmp_path)
+    drawn = sorted(tmp_path.iterdir())
+    assert [path.name for path in drawn] == sorted(
+        path.name for path in (ROOT / "tests" / "course").glob("*.png")
+    )
+    for path in drawn:
+        check_picture(path)
+
+
 PREDICT = "tests/course/predict.py"
 
 
