@@ -5,6 +5,7 @@ import re
 
 import judge
 import numpy as np
+import predict
 import pytest
 from common import ROOT
 from test_scripts import main_of, python
@@ -91,6 +92,7 @@ def test_cheats_win_nothing_and_it_is_told_why_a_planner_is_left_out(tmp_path):
     (lab / "common.py").touch()  # called like one of ours
     path = f"{lab}{os.pathsep}{ROOT / 'tests/course/starters'}"
     flags = "--episodes 2 --seed 3 --patience 5 --out".split()
+    assert python(predict.__file__, "--help", PYTHONPATH=path).returncode == 0
     done = python(judge.__file__, tmp_path, *flags, lab, PYTHONPATH=path)
     assert done.returncode == 0, done.stderr
     assert "raise ValueError('of" in done.stderr, "a student's own error has its traceback"
