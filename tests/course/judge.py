@@ -4,14 +4,14 @@
     python tests/course/judge.py ada.py bob.py --seed 417 418
 
 With each planner the robots walk in 3-D to the same 500 near and 500 far goals of every seed, with
-noise, and to the far ones again with pushes of 0.4 m/s. `policy`, `baseline_tuned` and `expert` take
-part in every contest. The world is in this process. A planner is in a process of its own, its file
-alone in a folder; it receives the views and sends back actions, nothing else. (Like every program of
-yours it can read your other files, and the command line. So look into the files of the winners.) It
-has --patience seconds for a decision. A file that fails or takes too long is left out, and the
-leaderboard says why. It also says whose actions to the first 20 goals are equal: a copy. A planner
-takes about 5 minutes. After each of them the judge writes leaderboard.md to runs/contest/. Only
---episodes 500 and two seeds, the defaults, count.
+noise. `policy`, `baseline_tuned` and `expert` take part in every contest. The world is in this
+process. A planner is in a process of its own, which receives the views and sends back actions,
+nothing else; its file lies alone in a folder. (Like every program of yours it can still read your
+other files and the command line. So choose seeds that nobody knows, and let strangers' files run as
+another user.) It has --patience seconds for a decision. A file that fails or takes too long is left
+out, and the leaderboard says why. It also says which planners act alike on the first 20 goals: one
+is a copy. A planner takes 3 minutes on one core, one as slow as `baseline` 9. After each of them the
+judge writes leaderboard.md to runs/contest/. Only --episodes 500 and two seeds, the defaults, count.
 Without a file the judge prints the table of the planners of README, as shipped in results/.
 """
 
