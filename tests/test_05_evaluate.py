@@ -675,12 +675,6 @@ def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(sh
     call("--planner", own_planner("tempfile.py", "import beside"), "--episodes", 1)
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="there every name is text")
-def test_a_name_that_is_no_utf_8_is_told_with_a_question_mark(short_trials, one_robot):
-    files = [own_planner("ada.py"), own_planner("Zo\udceb.py")]
-    assert "'Zo?': " in str(evaluate.choose_planners(one_robot, files=files, policies=[]))
-
-
 @pytest.mark.parametrize("error", [KeyError, OSError])
 def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     path = own_planner("mine.py", f"raise {error.__name__}('one of mine')")
@@ -902,6 +896,12 @@ def middles_of_soles(world):
     poses = evaluate.foot_poses(ROBOT, torso, joints)[0]
     ahead, outward = (ROBOT.foot_front - ROBOT.foot_back) / 2, ROBOT.foot_outward
     return poses[:, :2] + robot_model.turned([(ahead, outward), (ahead, -outward)], poses[:, 2])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="there every name is text")
+def test_a_name_that_is_no_utf_8_is_told_with_a_question_mark(short_trials, one_robot):
+    files = [own_planner("ada.py"), own_planner("Zo\udceb.py")]
+    assert "'Zo?': " in str(evaluate.choose_planners(one_robot, files=files, policies=[]))
 
 
 def test_a_footstep_plot_shows_where_feet_and_torso_were():
