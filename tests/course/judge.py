@@ -18,6 +18,7 @@ Without a file the judge prints the table of the planners of README, as shipped 
 import multiprocessing
 import os
 import shutil
+import signal
 import sys
 import tempfile
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
@@ -34,10 +35,7 @@ from common import ROOT, env, evaluate, robot_model
 
 FIELD = "policy", "baseline_tuned", "expert"  # they take part in every contest
 STAYS = 0.7  # least share of the successes that is still there
-OUT = "disqualified"  # instead of a place
 COMPARED = 20  # goals: whoever acts there exactly as another planner is a copy
-LONGEST = 300  # letters of a reason
-MOST = 10**7  # bytes of an answer
 
 
 # ------------------------------------------------------------------------ points
@@ -50,7 +48,7 @@ def points(rows, trials=slice(None)):
         reached = outcome == "success"
         price = common.PER_FALL * (outcome == "fall") + common.PER_TIMEOUT * (outcome == "timeout")
         mean = (seconds * reached)[trials].sum(-1) / np.maximum(reached[trials].sum(-1), 1)
-        total = total + (mean + price[trials].mean(-1)) / len(rows)
+        total += (mean + price[trials].mean(-1)) / len(rows)
     return total
 
 
@@ -81,7 +79,7 @@ def ranked(found):
         rows = found[name]
         out, score = scores[name]
         if out:
-            place = OUT
+            place = "disqualified"
         elif interval(rows, first)[0] > 0:  # also without a first one: points are above 0
             place = len(field) + 1
             first = rows
@@ -125,6 +123,7 @@ def noisy(folder):
 def serve(pipe, file):
     """In a process of its own: answers the questions of a `Contestant` with "+" and numbers, or says
     what was wrong."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the judge
     os.chdir(file.parent)
     pipe.send_bytes(b"all that is ours is imported")
     try:
@@ -146,7 +145,7 @@ class Contestant:
 
     def __init__(self, file, patience):
         self.patience = patience  # [s] for a decision
-        self.folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self.folder = tempfile.TemporaryDirectory()
         copy = Path(shutil.copy(file, self.folder.name))
         context = multiprocessing.get_context("spawn")
         self.pipe, theirs = context.Pipe()
@@ -163,7 +162,7 @@ class Contestant:
             self.pipe.send(question)
         try:
             if self.pipe.poll(self.patience):
-                answer = self.pipe.recv_bytes(MOST)  # not `recv`, which runs what it receives
+                answer = self.pipe.recv_bytes(10**7)  # not `recv`: that runs what it gets
         except (EOFError, ConnectionError):
             answer = b"its process has ended"
         if not answer.startswith(b"+"):
@@ -251,7 +250,7 @@ def main():
                     notes += f"\n{name} and {other}: equal actions, one is a copy of the other\n"
             found[name] = rows
         except (robot_model.InputError, ValueError, OSError) as error:  # OSError: no readable file
-            notes += f"\n{name} is left out: {' '.join(str(error).split())[:LONGEST]}\n"
+            notes += f"\n{name} is left out: {' '.join(str(error).split())[:300]}\n"
         board = f"Seeds {args.seeds}, {args.episodes} walks each.\n\n{ranking(found)}{notes}"
         robot_model.write_text(out / "leaderboard.md", board)
     print(f"{board}\nleaderboard.md is in {out}")
