@@ -27,7 +27,7 @@ Read down to the line of equals signs.
 import runpy
 import sys
 from collections import namedtuple
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 
@@ -498,7 +498,8 @@ class FootstepWorld:
 def one_line_if_it_exits(file):
     """Says in one line which file of yours ends Python, and so would end our script in silence."""
     try:
-        yield
+        with chdir("."):  # it may go to another folder: afterwards we are back in ours
+            yield
     except SystemExit as error:
         raise InputError(f"{file}: ends Python, by exit() or main()") from error
 
@@ -508,9 +509,14 @@ def names_in(path, **wanted):
     file keep their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
+    modules, places = set(sys.modules), sys.path[:]
     sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
     with one_line_if_it_exits(path):
         found = runpy.run_path(str(path), run_name=path.as_posix())
+    sys.path[:] = places  # the next file may have another tools.py beside it
+    for name in set(sys.modules) - modules:
+        if path.with_name(f"{name}.py").is_file():
+            del sys.modules[name]
     for name, kind in wanted.items():
         if not isinstance(found.get(name), kind):
             raise InputError(

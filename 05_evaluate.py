@@ -547,6 +547,7 @@ def choose_planners(world, policies, files=()):
         name = path.stem if chosen else "policy"
         if name in chosen | baselines:
             name = path.as_posix()
+        name = name.encode(errors="replace").decode()  # not every file's name is UTF-8
         print(f"{name}: {path}")
         chosen[name] = load_planner(path) if path in files else policy_planner(path, world)
     return chosen | baselines

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+import os
 import sys
 from dataclasses import replace
 from functools import cache
@@ -750,6 +751,17 @@ def test_names_in_a_file_of_one_s_own(own_file):
     (mine, robot) = env.names_in(own_file(), Mine=type, ROBOT=robot_model.RobotModel)
     assert mine().number == 7 and robot == ROBOT, "it may import what lies beside it"
     assert sys.path[: len(before)] == before, "its folder is searched last"
+
+
+def test_each_file_has_its_own_helpers_and_does_not_move_us_to_another_folder(tmp_path):
+    here = os.getcwd()
+    for owner in "ada", "bob":
+        mine = tmp_path / owner / "mine.py"
+        mine.parent.mkdir()
+        mine.with_name("tools.py").write_text(f"OWNER = '{owner}'", "utf-8")
+        mine.write_text("import os, tools; OWNER = tools.OWNER; os.chdir('/')", "utf-8")
+        assert env.names_in(mine, OWNER=str) == [owner], "the second one has the first one's tools"
+    assert os.getcwd() == here, "results are written where the script was started"
 
 
 @pytest.mark.parametrize("line, said", [

@@ -897,6 +897,12 @@ def middles_of_soles(world):
     return poses[:, :2] + robot_model.turned([(ahead, outward), (ahead, -outward)], poses[:, 2])
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="there every name is text")
+def test_a_name_that_is_no_utf_8_is_told_with_a_question_mark(short_trials, one_robot):
+    files = [own_planner("ada.py"), own_planner("Zo\udceb.py")]
+    assert "'Zo?': " in str(evaluate.choose_planners(one_robot, files=files, policies=[]))
+
+
 def test_a_footstep_plot_shows_where_feet_and_torso_were():
     panel, world = Figure().subplots(), env.FootstepWorld(1, task=replace(SHORT, success_m=0.07))
     evaluate.draw_walks(panel, world, Wild(), to([[3.0, 0.0, 0.5]]))

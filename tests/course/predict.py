@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
+sys.path.insert(1, str(Path(__file__).resolve().parents[1] / "studies"))  # before others' common.py
 from common import env, robot_model, walk_engine
 
 
