@@ -38,8 +38,7 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
 Left out: all sensors but those of the joints and the IMU (inertial measurement unit), gear play,
 arms and head (their mass is in the torso). Only the soles can touch anything.
 
-[6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform for Research and
-    Competitions.
+[6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform.
 """
 
 import copy
@@ -875,7 +874,7 @@ def atomic_write(path, write):
 
 def write_text(path, text):
     """Writes UTF-8 with plain line ends on every system."""
-    atomic_write(path, lambda file: file.write_text(text, "utf-8", "replace", newline="\n"))
+    atomic_write(path, lambda file: file.write_text(text, "utf-8", newline="\n"))
 
 
 def pixels(figure):
@@ -893,7 +892,6 @@ def save_figure(figure, path):
 STYLE = {
     # No blue and no orange: these are the left and the right foot.
     "axes.prop_cycle": "cycler(color=['k', 'purple', 'g', 'r', 'brown', 'gray', 'olive', 'hotpink'])",
-    "legend.labelcolor": "linecolor",
     "axes.grid": True,
     "grid.alpha": 0.3,
     "axes.spines.top": False,

@@ -484,12 +484,11 @@ def plot_plan(engine, plan, motion, path):
             time = (first + np.arange(len(values))) * robot.control_dt
             axis.set_prop_cycle(color=[*robot_model.COLORS, "black"])
             axis.plot(time, values[..., k], style)
-        axis.axvline(engine.step_time, color="0.7")
         axis.set(title=titles[k], xlabel="time [s]")
     axes[2].set_ylim(-0.01, 0.05)
     names = "left foot", "right foot", "trunk (plan), torso (simulated)"
     figure.legend(axes[0].lines[:3], names, loc="outside lower center", ncols=3)
-    figure.suptitle("Solid: plan. Dashed: simulated" + engine.planar * ", legs below the hips")
+    figure.suptitle("Solid: plan. Dashed: simulated")
     robot_model.save_figure(figure, path)
 
 

@@ -138,8 +138,7 @@ def polar(goal):
 
 def count_in_a_row(after, fall, so_far, task):
     """How many double steps in a row, [n], have now ended at the goal. (`Task.in_a_row` of them are
-    a success.) after [n, 3]: the goal seen from the robot; fall [n] bool; so_far [n]: the count
-    before."""
+    a success.) after [n, 3]: the goal seen from the robot; fall [n] bool; so_far [n]: till now."""
     d, alpha, _ = polar(after)
     inside = (d <= task.success_m) & (np.abs(alpha) <= task.success_rad)
     return np.where(inside & ~fall, so_far + 1, 0)  # whoever falls is not at the goal
@@ -341,8 +340,11 @@ class FootstepWorld:
         spread=Spread(),
         robot=robot_model.ROBOT,
     ):
-        if sim not in robot_model.SIMULATORS:
-            raise ValueError(f"sim is one of {', '.join(robot_model.SIMULATORS)}, not {sim!r}")
+        if sim not in robot_model.SIMULATORS or num_robots < 1:
+            raise ValueError(
+                f"sim is one of {', '.join(robot_model.SIMULATORS)}, with one robot or more; "
+                f"not {sim!r}, {num_robots}"
+            )
         self.limits = limits or LIMITS[sim]
         self.drift = DRIFT[sim] if drift is None else drift
         self.sim = sim
@@ -509,11 +511,11 @@ def names_in(path, **wanted):
     file keep their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
-    modules, places = set(sys.modules), sys.path[:]
-    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
+    modules, folder = set(sys.modules), str(path.resolve().parent)
+    sys.path.append(folder)  # last: it may import what lies beside it
     with one_line_if_it_exits(path):
         found = runpy.run_path(str(path), run_name=path.as_posix())
-    sys.path[:] = places  # the next file may have another tools.py beside it
+    sys.path.remove(folder)  # the next file may have another tools.py beside it
     for name in set(sys.modules) - modules:
         if path.with_name(f"{name}.py").is_file():
             del sys.modules[name]
@@ -635,8 +637,7 @@ class FootstepEnv(gym.Env):
 
     ## Start and end of an episode
     The robot stands at the origin; goal, floor and body are random. Terminated: two double steps in
-    a row have ended within 5 cm and 10° of the goal, or the robot has fallen. Truncated: after
-    100 s.
+    a row have ended within 5 cm and 10° of the goal, or it has fallen. Truncated: after 100 s.
 
     ## Arguments
     render_mode: None or "rgb_array". (`gymnasium.wrappers.RecordVideo` films it if moviepy is
@@ -716,7 +717,7 @@ def plot_rewards(episode, errors, path):
     for term, values in sorted(episode.items(), key=lambda item: -item[1].sum()):
         if values.any():
             curves.plot(np.append(0, values.cumsum()), label=term)
-    curves.legend(loc="upper left", bbox_to_anchor=(1, 1))  # beside the lines, in their order
+    curves.legend()  # in the order of their ends
     curves.set(
         title="An episode of the hand-written planner",
         xlabel="double step",
@@ -732,7 +733,7 @@ def plot_rewards(episode, errors, path):
         ylabel="error of x and y [cm]",
         ylim=(0, None),
     )
-    estimate.legend(loc="upper right")
+    estimate.legend()
     robot_model.save_figure(curves.figure, path)
 
 

@@ -115,8 +115,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
         δ_t = r_t + γ·V(s_{t+1}) − V(s_t).
     Three estimates of the advantage are made of it, here without the end of an episode:
         one step     δ_t                  little noise, but wrong where the critic is wrong
-        two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t): the V between
-                                          cancels
+        two steps    δ_t + γ·δ_{t+1}      = r_t + γ·r_{t+1} + γ²·V(s_{t+2}) − V(s_t)
         all steps    Σ_k γᵏ·δ_{t+k}       = G_t − V(s_t): noisy, but a wrong V(s_t) shifts the A of
                                           all actions alike, which changes no gradient on average
     λ between 0 (the first of them) and 1 (the last one) lets later δ fade:
@@ -214,12 +213,11 @@ def improve(model, optimizer, data, cfg):
 def episode_means(infos):
     """(4) The means over the episodes that ended in these steps; nan where nothing was reported.
     "return" is not discounted; "time" is that of the successes."""
-    found = {name: [] for name in ("return", "length", "success", "fall", "timeout", "time")}
+    found = {name: [] for name in ("return", "success", "fall", "timeout", "time")}
     for info in infos:
         if "_episode" in info:  # [N] whose episode has ended
             ended, final = info["_episode"], info["final_info"]
             found["return"].extend(info["episode"]["r"][ended])
-            found["length"].extend(info["episode"]["l"][ended])
             if "success" in final:  # other environments report no outcome
                 for name in ("success", "fall", "timeout"):
                     found[name].extend(final[name][ended])
@@ -267,7 +265,7 @@ def train(cfg, make_envs, out, total_steps, seed=0, make_model=None, improve=imp
     bar = tqdm(range(updates), unit=" steps", unit_scale=samples)
     for update in bar:
         save_policy(checkpoint, model, **about)
-        rate = float(cfg.learning_rate * (1.0 - update / updates))  # falls linearly to 0
+        rate = cfg.learning_rate * (1.0 - update / updates)  # falls linearly to 0
         optimizer.param_groups[0]["lr"] = rate
         data, obs, infos = collect(model, envs, obs, cfg.rollout)  # (1)
         data["advantage"], data["target"] = judge(model, data, cfg)  # (2)

@@ -373,7 +373,7 @@ def evaluate_all(args, blocks, planners, settings):
         for noise in sorted({False, args.noise})
         for name, planner in planners.items()
     }
-    bar = tqdm(total=args.episodes * len(jobs), unit=" walks", leave=False)
+    bar = tqdm(total=args.episodes * len(jobs), unit=" walks")
     found = {}
     with bar, in_other_processes(jobs, args.jobs) as futures:  # no bar below the line of Ctrl-C
         for row, job in jobs.items():
@@ -420,10 +420,10 @@ def summary(planner, noise, std, walks):
     }
 
 
-NOTE = """\
-The paper tells neither its σ nor its noise; there, it seems, one double step at the goal suffices.
-Our σ of 0.5 m was chosen so that `baseline` takes about the paper's time: that they agree proves
-nothing.
+NOTE = """
+Time: mean ± standard deviation, median and 95th percentile of the successes [s]. The paper tells
+neither its goals' σ nor its noise; one double step at the goal seems to suffice there. We chose
+σ = 0.5 m so that `baseline` takes about the paper's time: that it does proves nothing.
 """
 YES = {False: "no", True: "yes"}
 PAPER = {  # Table II, without and with noise; ±: standard deviation of the times
@@ -436,10 +436,10 @@ PAPER = {  # Table II, without and with noise; ±: standard deviation of the tim
         "baseline, paper | 0.910 | 0.078 | 0.012 |  11.43 ± 5.11 | ",
     ],
 }
-RATIO_NOTE = """
-Time: mean of `policy` ÷ that of the other planner, over the goals that both reached. Faster: shares
-of these goals, by the number of double steps. Falls: walks in which the robot fell with `policy`
-alone, with the other planner alone.
+RATIO_NOTE = """\
+Is `policy` better? Time: its mean ÷ that of the other planner, over the goals that both reached.
+Faster: shares of these goals, by the number of double steps. Falls: walks in which the robot fell
+with `policy` alone, with the other planner alone.
 
 """
 
@@ -458,7 +458,7 @@ def rate_line(row):
     return (
         f"{row['planner']} | {row['success']:.3f} [{low:.3f}, {high:.3f}] "
         f"| {row['timeout']:.3f} | {row['fall']:.3f} "
-        f"| {row['time_mean']:6.2f}, {row['time_median']:6.2f}, {row['time_p95']:6.2f} "
+        f"| {row['time_mean']:6.2f} ± {row['time_std']:.2f}, {row['time_median']:5.2f}, {row['time_p95']:5.2f} "
         f"| {row['still_there']:.3f}"
     )
 
@@ -478,19 +478,19 @@ def ratio_line(row):
 
 
 def table(rows, ratios, flags=""):
-    """Tables in Markdown: our rows and the paper's, in a block for each kind of goals and noise
-    (the paper's leave if flags change the walks); the policy compared with the others."""
-    text = f"With {flags}\n" if flags else NOTE
+    """Tables in Markdown: the policy compared with the others; then our rows and the paper's, in a
+    block for each kind of goals and noise (the paper's leave if flags change the walks)."""
+    text = f"With {flags}\n" if flags else ""
+    if ratios:
+        head = "goals | noise | other | time [95 %] | faster, equal, slower | falls | p"
+        text += RATIO_NOTE + markdown(head, map(ratio_line, ratios))
     for (std, noise), block in itertools.groupby(rows, itemgetter("goal_std_m", "noise")):
         lines = [rate_line(row) for row in block]
         if std == env.Task.goal_std_m and not flags:
             lines += PAPER[noise]
-        head = "planner | success [95 %] | timeout | fall | mean, median, 95th [s] | still there"
+        head = "planner | success [95 %] | timeout | fall | mean ± σ, median, 95th | still there"
         text += f"\nGoals: σ {std} m; noise: {YES[noise]}\n\n{markdown(head, lines)}"
-    if ratios:
-        head = "goals | noise | other | time [95 %] | faster, equal, slower | falls | p"
-        text += RATIO_NOTE + markdown(head, map(ratio_line, ratios))
-    return text
+    return text if flags else text + NOTE
 
 
 # ------------------------------------------------------------------------ files
@@ -516,12 +516,9 @@ def policy_planner(path, world):
     if not there:
         raise InputError(f"{path}: trained in another environment, not to choose footsteps")
     different = [name for name in here if there.get(name) != here[name]]
-    if "simulator" in different:
-        raise InputError(
-            f"{path}: trained in {there.get('simulator')}, this is {world.sim} (--mujoco: mujoco)"
-        )
-    if "observation" in different:
-        raise InputError(f"{path}: trained with another observation: train it again")
+    for name in "simulator", "observation":
+        if name in different:
+            raise InputError(f"{path}: trained in another {name}: {there.get(name)} (--mujoco?)")
     if different:
         print(f"note: {path.as_posix()} was trained with another {', '.join(different)}")
     return PolicyPlanner(model)
@@ -555,10 +552,11 @@ def choose_planners(world, policies, files=()):
 
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
-    """Draws the paper's Fig. 3: walks to the same goals; planners by name (three)."""
+    """Draws the paper's Fig. 3: walks to the same goals; with the last planner that
+    you chose and with both baselines."""
     figure = Figure(figsize=(9, 4.2))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
-    for panel, (name, planner) in zip(axes, planners.items()):
+    for panel, (name, planner) in zip(axes, [*planners.items()][-3:]):
         draw_walks(panel, world, planner, trials)
         panel.set(title=name, aspect="equal", xlabel="x [m]", ylabel="y [m]")
         panel.margins(0.1, 0.35)
@@ -644,9 +642,10 @@ def main(argv=None):
     robot_model.write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     robot_model.write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
-    three = dict([*planners.items()][-3:])  # the last one that you chose, and both baselines
-    plot_footsteps(world, three, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png")
-    print("Look at footsteps.png; evaluation.json, trials.csv and table.md are beside it, in", out)
+    plot_footsteps(
+        world, planners, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png"
+    )
+    print("To see it walk: python tests/studies/play.py. Two walks in footsteps.png, all in", out)
 
 
 if __name__ == "__main__":
