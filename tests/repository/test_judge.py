@@ -55,17 +55,17 @@ import gc, sys
 class Planner(Planner):
     def reset(self, num_robots):
         super().reset(num_robots)
-        frame, self.things = sys._getframe(), gc.get_objects()
+        frame, things = sys._getframe(), gc.get_objects()
         while frame:
             started = frame.f_locals.get("preparation_data", sys.argv)
             assert "--seed" not in str(started), "the goals can be drawn from it"
-            self.things += frame.f_locals.values()
+            things += frame.f_locals.values()
             frame = frame.f_back
+        self.worlds = [thing for thing in things if type(thing).__name__ == "FootstepWorld"]
 
     def act(self, view):
-        for thing in self.things:
-            if type(thing).__name__ == "FootstepWorld":
-                view.goal[:] = thing.relative_goal(view.robots)
+        for world in self.worlds:
+            view.goal[:] = world.relative_goal(view.robots)
         return super().act(view)
 """
 CONTEST = {  # by name: what follows the text of expert.py, and what the leaderboard says
@@ -75,7 +75,7 @@ CONTEST = {  # by name: what follows the text of expert.py, and what the leaderb
     "bad": ("raise ValueError('of\\n mine')", "bad is left out: ValueError: of mine"),
     "rival": ("from good import Planner", "rival is left out: .*No module named 'good'"),
     "ends": ("__import__('os')._exit(0)", "ends is left out: .* has ended"),
-    "hangs": ("while True: pass", "hangs is left out: no answer within 5 s"),
+    "hangs": ("while True: pass", "hangs is left out: no answer within 20 s"),
     "shape": ("Planner.act = lambda *_: [[0.5] * 6]", r"shape is left out: .* shape \(2, 6\)"),
 }
 
@@ -91,7 +91,7 @@ def test_cheats_win_nothing_and_it_is_told_why_a_planner_is_left_out(tmp_path):
     lab.mkdir()
     (lab / "common.py").touch()  # called like one of ours
     path = f"{lab}{os.pathsep}{ROOT / 'tests/course/starters'}"
-    flags = "--episodes 2 --seed 3 --patience 5 --out".split()
+    flags = "--episodes 2 --seed 3 --out".split()
     assert python(predict.__file__, "--help", PYTHONPATH=path).returncode == 0
     done = python(judge.__file__, tmp_path, *flags, lab, PYTHONPATH=path)
     assert done.returncode == 0, done.stderr
