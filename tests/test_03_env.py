@@ -796,7 +796,7 @@ def test_the_hand_written_planner_turns_to_a_far_goal_and_like_a_near_one():
 
 def test_the_figure_of_rewards_shows_sums_and_centimetres(shown):
     paid = {"r_c": np.array([0.0, -1.0]), "r_fall": np.zeros(2), "r_d": np.array([1.0, 2.0])}
-    with mock.patch.object(FootstepWorld, "step"):  # the robots stand and measure once
+    with mock.patch.object(FootstepWorld, "step"):  # the robots stand
         _, claimed = errors = env.estimate_errors("pymunk", 0)
     close(claimed[0], 0.05, "of one measurement the filter claims its noise, [m]", rtol=1e-3)
     env.plot_rewards(paid, errors, "")
