@@ -22,6 +22,7 @@ env, InputError = ppo.env, ppo.robot_model.InputError
 ActorCritic, PPOConfig, train = ppo.ActorCritic, ppo.PPOConfig, ppo.train
 
 SMALL = PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
+torch.set_num_threads(1)  # small networks: with more it takes twenty times as long
 HERE = Path()  # of each test another folder, see `own_folder`
 EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
 
