@@ -470,29 +470,24 @@ def test_the_first_policy_of_a_training_is_made_as_it_is_told():
 
 
 def test_the_learning_rate_falls_to_zero():
-    """By a training with another model and another algorithm, which logs what it likes."""
+    """By a training with another algorithm, which logs what it likes."""
     cfg = replace(SMALL, epochs=1, minibatch=128)
     rates, rollouts = [], []
-
-    class Mine(ActorCritic):
-        """Another model."""
 
     def watched(model, optimizer, data, cfg):
         for got, want in zip((data["advantage"], data["target"]), ppo.judge(model, data, cfg)):
             equal(got, want, "(2) judges what was collected, before (3)")
         rates.append(optimizer.param_groups[0]["lr"])
         rollouts.append(data)
-        assert isinstance(model, Mine)
         return {"loss": np.float32(0.5)}
 
     with mock.patch.object(ppo, "episode_means", wraps=ppo.episode_means) as means:
-        _, rows = train(cfg, wandering, HERE, 4 * 128 + 1, make_model=Mine, improve=watched)
+        _, rows = train(cfg, wandering, HERE, 4 * 128 + 1, improve=watched)
     assert len(means.call_args.args[0]) == cfg.rollout, "(4) logs the episodes of all its steps"
     assert [row["steps"] for row in rows] == [128, 256, 384, 512, 640], "whole updates, rounded up"
     want = cfg.learning_rate * np.array([1.0, 0.8, 0.6, 0.4, 0.2])
     close(rates, want, "linearly to 0 after the last update, and Adam has to be told")
     close([row["learning_rate"] for row in rows], want)
-    assert rows[0].keys() == {"steps", "loss", *EPISODES, "learning_rate"}
     for one, other in itertools.pairwise(rollouts):
         goes_on = ~(one["terminated"] | one["truncated"])[-1]
         hint = "a rollout goes on where the last one ended"
@@ -531,25 +526,21 @@ wandering = partial(Probe, play=wander, starts=np.linspace(-0.5, 0.5, 1001, dtyp
 
 def test_a_killed_training_leaves_its_policy_so_far_and_the_next_one_says_so(capsys):
     """Its settings are numbers of numpy, as in a sweep by np.logspace; files hold plain ones."""
-    rates = np.logspace(-4, -3, 3)
-    cfg = replace(QUICK, learning_rate=rates[0], hidden=(np.int64(8),))
-    about = {"limits": env.StepLimits(rates, -rates), "noise": np.bool_(True)}
-    plain = {"seed": 0, "noise": True, "steps": 7 * 64, "fits": None, "hidden": [8]}
-    plain["limits"] = {"low": [*rates], "high": [*-rates]}
+    cfg = replace(QUICK, learning_rate=np.float64(0.001), hidden=(np.int64(8),))
+    about = {"push": np.array([0.4, 0.8]), "noise": np.bool_(True)}
     killed = mock.Mock(wraps=ppo.improve, side_effect=[mock.DEFAULT, KeyboardInterrupt])
     with pytest.raises(KeyboardInterrupt):
         train(cfg, wandering, HERE, 7 * 64, improve=killed, **about)
     assert contents().keys() == {"checkpoint.pt"}, "policy.pt is written at the end"
     early, stored = ppo.load_policy(HERE / "checkpoint.pt")
+    plain = {"push": [0.4, 0.8], "noise": True, "hidden": [8], "steps": 7 * 64, "seed": 0}
     assert stored.items() >= plain.items() and "checkpoint" not in capsys.readouterr().out
     last, rows = train(cfg, wandering, HERE, 7 * 64, **about)
-    said = capsys.readouterr().out.splitlines()
-    assert len(said) == 1 and "checkpoint.pt" in said[0], "two trainings write the same files"
+    assert "checkpoint.pt" in capsys.readouterr().out, "two trainings write the same files"
     assert len(rows) == 7, "it begins anew"
     assert contents().keys() == {"policy.pt", "learning_curve.csv"}
     assert (HERE / "learning_curve.csv").read_text("utf-8").startswith("steps,"), "names of columns"
-    final, found = ppo.load_policy(HERE / "policy.pt")
-    assert found.items() >= plain.items()
+    final, _ = ppo.load_policy(HERE / "policy.pt")
     assert final.decide([[0.3]]) == last.decide([[0.3]]) != early.decide([[0.3]])
 
 

@@ -651,27 +651,20 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
 
 
 def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
-    second = save_untrained(Path("mine.pt"))
     line = "actions[:, [0, 3]] += 0.3"  # it walks past the second goal
     mine = own_planner("a$^$/mine.py", line)  # the name is taken; in a title $ begins a formula
     asked = evaluate.Trials(np.array([[0.0, 0, 0], [0.12, 0, 0]]), 6)
     monkeypatch.setattr(evaluate, "draw_trials", lambda *_: asked)
     flags = "--seed 6 --friction 0.4 --policy results/pymunk/policy.pt".split()
-    content = call(*flags, second, "--planner", mine)
-    said, table = capsys.readouterr().out, Path("out/table.md").read_text("utf-8")
-    assert table in said, "the table is printed"
+    content = call(*flags, save_untrained(Path("mine.pt")), "--planner", mine)
+    said = capsys.readouterr().out
+    assert Path("out/table.md").read_text("utf-8") in said, "the table is printed"
     assert "mine: mine.pt" in said, "say which file is judged"
-    assert "paper" not in table, "the paper's rows are about another floor"
     assert [*short_trials[0][1]][2] == "a$^$/mine.py", "yours is drawn, not the policy"
     plot_footsteps(*short_trials[0])
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
-    assert (content["sim"], content["policy"][1]) == ("pymunk", "mine.pt")
-    assert content["ratios"][0]["time_ratio_ci95"] == [None, None], "of two goals"
     hint = "a goal is where it starts, and its mode is to step on the spot: does it explore?"
     assert content["rows"][0]["success"] > 0, hint
-    others = [row["reference"] for row in content["ratios"]]
-    want = ["mine", "a$^$/mine.py", "baseline_tuned", "baseline"]
-    assert others == want, "the policy is compared with all others"
     _, *lines = Path("out/trials.csv").read_text("utf-8").splitlines()
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     hint = "noise, σ, seed, trial, goal, μ of --friction, outcome, time with all its digits, steps"
@@ -707,9 +700,6 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
     rows = [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]]
     names = ["policy", "baseline_tuned", "baseline"]
     assert rows == [*itertools.product((0.5, 1.0), (False, True), names)], "far: a block of its own"
-    times = {row["time_mean"] for row in content["rows"] if row["success"] == 0}
-    assert times == {None}, "nobody arrives within 2 s: null"
-    assert [content[name] for name in ("seed", "friction", "push")] == [6, 0.4, 0.3]
     near, far = (evaluate.draw_trials(6, 2, far).goals for far in (False, True))
     goals = np.genfromtxt("out/trials.csv", delimiter=",", skip_header=1, usecols=(5, 6, 7))
     equal(goals[12:], [*far] * 6, "the far block has goals twice as far")
