@@ -204,7 +204,7 @@ def test_a_plan_that_nobody_disturbs_is_the_same_with_and_without_the_law(sim):
             close(followed(plan), planned(engine, plan)[1:], "a planned lean or rate is no error")
 
 
-def test_progress_advances_by_the_pace_and_no_joint_target_jumps():
+def test_progress_advances_by_the_pace_and_the_trunk_moves_as_planned():
     """Nearly to its end robots lean over their support foot, by more or less."""
     half = walk_engine.TUNED["mujoco"].step_ticks
     whole, until = 2 * half, 2 * half - 3  # [ticks]
@@ -212,26 +212,20 @@ def test_progress_advances_by_the_pace_and_no_joint_target_jumps():
     engine = make_engine("mujoco", 5, capture=0.0, reflex=0.0, wait=10.0, late_lean=0.06)
     plan = engine.plan(np.tile([0.06, 0, 0.1], (5, 2, 1)), np.arange(5))
     ground = plan.trunk[..., robot_model.GROUND]  # [5, T + 1, 3]
-    place, last, steps = ground[:, 0], np.tile(engine.stance[1], (5, 1)), []
+    place = ground[:, 0]
     for tick in range(whole + 40):
         rows = np.flatnonzero(plan.progress < whole)
         sample = plan.progress[rows].astype(int)
         over = np.array([-0.3, 0, 0.1, 0.135, 0.2])[rows] * (tick < until)
         imu = plan.trunk[rows, sample][:, [3, 4, 3, 4]]
         imu[:, 0] += np.where(sample < half, over, -over)
-        joints, move = plan.go_on(rows, tick, imu)
+        _, move = plan.go_on(rows, tick, imu)
         place[rows] = robot_model.compose(place[rows], move)
-        steps.append(np.abs(joints - last[rows]).max(0))
-        last[rows] = joints
         time = tick + 1
         want = pace * min(time, until) + max(time - until, 0)
         hint = "a sum of paces, but at most 40 ticks late, and no more than the plan has"
         close(plan.progress, np.clip(want, time - 40, whole), f"after {time} ticks: {hint}")
-    hint = "the moves of the trunk, each seen from where it was, are those of the plan"
-    close(place, ground[:, -1], hint)
-    most = np.abs(np.diff(planned(engine, plan), axis=0)).max(0)  # [12]
-    hint = "in a tick that waits or goes on no joint moves farther than in the plan's fastest tick"
-    assert (np.max(steps, 0) <= most + 1e-9).all(), hint
+    close(place, ground[:, -1], "each move is seen from where the trunk was")
 
 
 def test_the_foot_lands_where_the_robot_leans_but_never_close_to_the_other_one():
@@ -365,7 +359,6 @@ def test_moves_on_is_where_the_trunk_goes_when_the_walk_stops(sim):
 def test_it_walks_what_is_commanded(sim):
     plans = [[double_step] * 8 for double_step in WALKS.values()]
     poses, wanted, fall = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans)
-    assert not poses[:, 0].any() and not wanted[:, 0].any(), "all of them begin at the origin"
     equal(fall, 8, f"a fall in one of {', '.join(WALKS)}")
     ends = (0, 1.24), (0, -0.93), (1, 0.48), (2, 2.325)  # along this axis [m or rad]
     for what, (axis, end), got, goal in zip(WALKS, ends, poses[:, -1], wanted[:, -1]):
@@ -379,20 +372,17 @@ def test_it_walks_what_is_commanded(sim):
 def test_a_walk_ends_with_its_fall_and_the_others_go_on(sim):
     plans = np.tile([0.05, 0, 0.1], (3, 5, 2, 1))
     plans[1, 1:] = [0.4, 0, 0]
-    asked, seen, ends = [], [], []
+    seen, ends = [], []
     walk = partial(walk_engine.walk_plans, sim, walk_engine.TUNED[sim])
-
-    def disturb(k, disturbance, robots):
-        asked.append([*robots])
 
     def watch(engine, plan, motion):
         seen.append([*plan.robots])
         ends.append(motion.torso[0, -1, robot_model.GROUND])
 
-    poses, wanted, fall = walk(plans, None, disturb, watch)
+    poses, wanted, fall = walk(plans, watch=watch)
     assert fall[1] in (1, 2, 3), "steps of 0.4 m are longer than a leg: it should fall"
     k = fall[1] + 1
-    assert asked == seen == [[0, 1, 2]] * k + [[0, 2]] * (5 - k), "only who is up walks on"
+    assert seen == [[0, 1, 2]] * k + [[0, 2]] * (5 - k), "only who is up walks on"
     close(poses[0, 1:], ends, "where the robot stands, and not where it should")
     assert (poses[1, k:] == poses[1, k]).all(), "a walk ends with its fall"
     for got, want in zip((poses, wanted, fall), walk(plans[[0, 2]])):

@@ -97,7 +97,6 @@ def test_look_up_closes_the_circle_of_yaws(small_map):
     (0.15, -0.2, 0, [0], "too different: do as before"),
     (0.15, 0.0, 3, [3], "it cannot stop at once"),
     (1.0, -0.5, 0, [1, 3], "beyond the map of 0.45 m: on, not on the spot"),
-    (1.0, -9.0, 0, [1, 3], "far beyond it, too"),
 ])  # fmt: skip
 def test_search_decides(small_map, change, x, last, moves, why):
     """The robot stands at x, seen from the goal, and has just taken this move of LATTICE."""
