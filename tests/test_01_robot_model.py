@@ -87,22 +87,12 @@ def mass_velocity(motion):
     return np.diff(centres, axis=1)[:, -1] / DT
 
 
-SPREAD = {
-    "friction": 0.3,
-    "mass": 0.1,
-    "stiffness": 0.2,
-    "stiction": 0.5,
-    "com": 0.01,
-    "gyro": 0.05,
-}
-
-
 def bodies(count):
-    """Robots that differ from the model by at most so much."""
+    """Robots that differ a little from the model; their motors are on time, their zeros right."""
     body, rng = robot_model.Variation.as_model(ROBOT, count), default_rng(0)
-    for name, width in SPREAD.items():
+    for name in "friction", "mass", "stiffness", "stiction", "com", "gyro":
         values = getattr(body, name)
-        values += width * rng.uniform(-1, 1, values.shape)
+        values += rng.uniform(-0.02, 0.02, values.shape)
     return body
 
 

@@ -336,7 +336,6 @@ def test_table_has_the_paper_s_rows_below_ours():
         "| policy, paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 | |",
         "| baseline, paper | 0.910 | 0.078 | 0.012 | 11.43 ± 5.11 | |",
     ], "times, and those still there, are of the successes only"
-    close(rows[0]["fall_ci95"], evaluate.wilson(1, 4), "each rate has its own interval")
     assert far == [f"| policy | {told}"], "Table II has no such row"
     assert said[1] == "Goals: σ 1.0 m; noise: yes"
     low, high = pairs(7)[0]["time_ratio_ci95"]
@@ -449,8 +448,6 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         equal(found[key], want, f"{key}: {hint}; of {[*ENDINGS]}")
     close(found["time"] / noisy.engine.period, timed, "of a success: to the first of two")
     equal(count, steps + more, "only successes walk on, twice; who fell meanwhile does not")
-    in_place = (noisy.last_action[: len(poses)] == noisy.neutral_action).all(1)
-    equal(in_place, outcome == "success", "no planner is asked: in place")
     assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 
 
@@ -588,7 +585,6 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
     (["--policy", "missing.pt"], "missing.pt: no such file"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: .*Planner"),
-    (["--robot", "text.py"], "text.py: .*(ROBOT|WALK|LIMITS)"),
 ], ids=str)  # fmt: skip
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
