@@ -456,9 +456,7 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(sim):
         for _ in range(6):
             world.estimate[:], world.covariance[:] = world.relative_goal(envs.robots), 0
             world.step(rng.random((3, 6)), envs.robots)
-            close(
-                world.estimate, world.relative_goal(envs.robots), "from trunk to trunk, as planned"
-            )
+            close(world.estimate, world.relative_goal(envs.robots), "trunk to trunk, as planned")
             hint = "of what was known for sure only the drift of a double step is unknown"
             close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2, hint)
     world.covariance[:] = 0
@@ -519,6 +517,7 @@ def test_every_number_of_a_body_is_uniform_around_that_of_the_model():
     n, spread, columns = 2000, Spread(), []
     rngs, model = default_rng(0).spawn(n), robot_model.Variation.as_model(ROBOT, n)
     body = spread.draw(rngs, ROBOT)
+    assert vars(body).keys() == vars(spread).keys(), "a size for every field"
     for name, size in vars(spread).items():
         off = (getattr(body, name) - getattr(model, name)).reshape(n, -1) / size  # from −1 to 1
         columns.append(2 * off - 1 if name == "delay" else off)  # no delay is below 0
