@@ -619,6 +619,11 @@ def test_whoever_changes_a_number_can_walk(sim):
     assert (world.pose[:, 0] > 0.15).all(), f"it should come nearer, {world.pose}"
 
 
+def test_a_step_before_the_first_reset_is_an_error():
+    with pytest.raises(gym.error.ResetNeeded, match="call reset before"):
+        FootstepWorld(1).step(np.full((1, 6), 0.5), [0])
+
+
 OWN = """
 from dataclasses import dataclass, replace
 from importlib import import_module
