@@ -21,8 +21,8 @@ walk_engine = import_module("02_walk_engine")
 ROBOT = robot_model.RobotModel()
 DT = ROBOT.control_dt  # [s] of a tick
 STEP = DT / ROBOT.substeps  # [s] of physics
-LEGS = 2 * [ROBOT.hip, ROBOT.thigh, ROBOT.shin, ROBOT.foot]
-MASS = sum(link.mass for link in [ROBOT.torso, *LEGS])
+LEG = ROBOT.hip, ROBOT.thigh, ROBOT.shin, ROBOT.foot
+MASS = sum(link.mass for link in (ROBOT.torso, *LEG, *LEG))
 SAGITTAL, PLANAR = robot_model.SAGITTAL, [0, 2, 3, 4, 6, 7, 8]  # joints, links of the plane
 OTHER = replace(ROBOT, hip_x=0.0, thigh=ROBOT.shin, shin=ROBOT.thigh)
 ROBOTS = pytest.mark.parametrize("robot", [ROBOT, OTHER], ids=["ours", "another"])
@@ -538,6 +538,7 @@ def test_mujoco_robots_get_what_they_drew_each_in_a_model_of_its_own():
     for _ in range(2):  # factors must not pile up from reset to reset
         simulator.reset([2, 0], body)
     equal(simulator.models[1].body_mass, like.body_mass, "robot 1 shares what others drew")
+    close(like.geom("left sole").pos[1], ROBOT.foot_outward, "the sole is outside of its ankle")
 
     def drawn(name):
         return np.array([getattr(simulator.models[i], name) for i in (2, 0)])

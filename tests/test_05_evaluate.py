@@ -663,7 +663,7 @@ def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, ca
     assert "| baseline" in capsys.readouterr().out, "print first"
 
 
-@pytest.mark.parametrize("flag", ["--push=-1", "--friction=-1", "--episodes=0"])
+@pytest.mark.parametrize("flag", ["--push=-1", "--friction=-1"])
 def test_a_flag_out_of_range_is_refused_in_one_line(capsys, flag):
     with pytest.raises(SystemExit, match="2"):
         evaluate.arguments([flag])
