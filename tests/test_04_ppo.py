@@ -648,7 +648,7 @@ def test_each_setting_but_the_layers_is_a_flag(called, dash):
 
 
 @pytest.mark.parametrize("flag", [
-    "--minibatch=0", "--gamma=7", "--lam=-0.1", "--clip=-1",
+    "--minibatch=0", "--gamma=7", "--clip=-1",
     "--first_concentration=2", "--learning_rate=nan", "--steps=0",
 ])  # fmt: skip
 def test_a_flag_out_of_range_is_refused_in_one_line(capsys, flag):

@@ -716,7 +716,7 @@ def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(m
     assert here == [planners["a"], planners["b"]] * 2
 
 
-@pytest.mark.parametrize("count", [2, 101, 250])
+@pytest.mark.parametrize("count", [101, 250])
 def test_no_robot_walks_alone_in_another_process(count):
     parts = evaluate.parts_of(evaluate.Trials(np.zeros((count, 3)), 5))
     sizes = [len(part.goals) for part in parts]
