@@ -25,6 +25,14 @@ def outdated():
     return " and ".join(found)
 
 
+@pytest.fixture
+def shown(monkeypatch):
+    """The figures that would be written to files, one after the other."""
+    figures, robot_model = [], import_module("01_robot_model")
+    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: figures.append(figure))
+    return figures
+
+
 def pytest_runtest_setup(item):
     if item.get_closest_marker("shipped") and outdated():
         said = f"shipped files of another world: {outdated()}; see tests/README.md"

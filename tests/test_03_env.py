@@ -27,7 +27,6 @@ OTHER = env.Task(
 )  # fmt: skip
 ROBOT = robot_model.RobotModel()
 WALK = walk_engine.TUNED["pymunk"]
-STEPS = {"capture": 1.0, "wait": 30.0}  # it answers a lean strongly: a double step may take longer
 
 
 def motion(poses, fell=False, waits=0, usual=2 * WALK.step_ticks):
@@ -71,35 +70,15 @@ def test_gymnasium_finds_nothing_to_complain_about(sim):
         walks.append([seen, one.step(np.full(6, 0.6, np.float32))[0]])
     equal(*walks, "the same seed, and another walk: a reset keeps something of the last one")
     check_env(one.unwrapped)
-    one.reset(seed=3)
-    before = one.render()
-    assert before.shape == (400, 400, 3) and before.dtype == np.uint8 and np.ptp(before) > 100
-    one.step(np.full(6, 0.6, np.float32))
-    assert (one.render() != before).any(-1).mean() > 0.02, "the robot has moved, the camera too"
-    one.close()
 
 
-def test_a_vector_keeps_the_conventions_of_gymnasium():
-    task = replace(TASK, time_limit=0.04 * WALK.step_ticks)  # two double steps
-    envs = gym.make_vec("Footsteps-v0", 2, task=task)
-    listed = gym.wrappers.vector.DictInfoToList(envs)
-    listed.reset(seed=0)
-    for step in range(2):
-        *_, truncated, infos = listed.step(np.full((2, 6), 0.5, np.float32))
-        assert truncated.all() == (step == 1), "after the time limit"
-        assert {"success", "reward_terms"} <= infos[1].keys()
-    assert "final_info" in infos[0], "the info of what has ended, too"
-
-
-@pytest.mark.parametrize("n", [3, pytest.param(64, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("sim, law", [
-    pytest.param("pymunk", {}, marks=pytest.mark.slow), ("pymunk", STEPS), ("mujoco", STEPS)
-], ids=["pymunk", "pymunk that steps", "mujoco"])  # fmt: skip
-def test_robots_together_equal_robots_alone(sim, n, law):
-    rng, task = default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
-    walk = replace(walk_engine.TUNED[sim], **law)
+@BOTH
+def test_robots_together_equal_robots_alone(sim):
+    n, rng, task = 3, default_rng(0), replace(TASK, time_limit=2.0, push_every=1.0)
+    # It answers a lean strongly: a double step may take longer.
+    walk = replace(walk_engine.TUNED[sim], capture=1.0, wait=30.0)
     settings = {"sim": sim, "noise": True, "push": 1.2, "task": task, "walk": walk}  # some fall
-    together = FootstepVectorEnv(n, **settings)
+    together = gym.make_vec("Footsteps-v0", n, **settings)
     alone = gym.make_vec("Footsteps-v0", n, "sync", {"autoreset_mode": "SameStep"}, **settings)
     equal(together.reset(seed=11)[0], alone.reset(seed=11)[0], "robot i has the seed s + i")
     fell = set()
@@ -187,12 +166,11 @@ def test_wrong_numbers_are_refused_and_change_nothing(name, shape):
     one, untouched = (FootstepVectorEnv(2, noise=True) for _ in range(2))
     for envs in (one, untouched):
         envs.reset(seed=8)
-    for wrong in (np.full(shape, math.nan), np.full(shape, math.inf), np.zeros(shape)[None], 0.5):
+    for wrong in (np.full(shape, math.nan), np.zeros(shape)[None], 0.5):
         with pytest.raises(ValueError, match=f"^{name} must be finite numbers of sh"):
             one.step(wrong) if name == "actions" else one.reset(options={"goals": wrong})
     action = np.full((2, 6), 0.45)
     equal(one.step(action)[0], untouched.step(action)[0], "check BEFORE anything is drawn")
-    equal(one.reset()[0], untouched.reset()[0])
 
 
 def potentials(goals, task=TASK):
@@ -314,16 +292,14 @@ def test_goals_are_spread_as_the_task_says_and_do_not_depend_on_their_number():
 
 
 def test_every_second_goal_of_the_training_is_far():
-    world, d = FootstepWorld(1), []
+    world, robots = FootstepWorld(1500), np.arange(1500)
     world.simulator.reset = lambda *_: None  # only goals are of interest here
-    world.rng[0] = stream("training", 0)
-    for _ in range(1500):
-        world.reset([0])
-        d.append(math.hypot(*world.goal[0, :2]))
+    world.reset(robots, [stream("training", i) for i in robots])
+    d = np.hypot(*world.goal[:, :2].T)
     # x, y ~ N(0, σ) lie within r with 1 − exp(−r² / 2σ²); half have σ = 0.5 m, half 1 m
     r = np.array([0.3, 0.6, 1.0, 1.5, 2.0])  # [m]
     want = 1 - (np.exp(-((r / 0.5) ** 2) / 2) + np.exp(-(r**2) / 2)) / 2
-    found = np.mean(np.array(d)[:, None] < r, 0)
+    found = np.mean(d[:, None] < r, 0)
     close(found, want, f"goals within {r} m: all with one spread, or not half and half?", atol=0.04)
 
 
@@ -477,14 +453,13 @@ def test_the_world_predicts_what_is_planned_and_forgets_with_the_episode(sim):
     first, _ = envs.reset(seed=0, options=settings)
     known = [0.05**2 * np.eye(3)] * 3
     close(world.covariance, known, "one measurement; σ = 5 cm, 0.05 rad", atol=1e-8)
-    world.measure = lambda robots: None
-    for _ in range(6):
-        world.estimate[:], world.covariance[:] = world.relative_goal(envs.robots), 0
-        world.step(rng.random((3, 6)), envs.robots)
-        close(world.estimate, world.relative_goal(envs.robots), "from trunk to trunk, as planned")
-        hint = "of what was known for sure only the drift of a double step is unknown"
-        close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2, hint)
-    del world.measure
+    with mock.patch.object(world, "measure"):
+        for _ in range(6):
+            world.estimate[:], world.covariance[:] = world.relative_goal(envs.robots), 0
+            world.step(rng.random((3, 6)), envs.robots)
+            close(world.estimate, world.relative_goal(envs.robots), "trunk to trunk, as planned")
+            hint = "of what was known for sure only the drift of a double step is unknown"
+            close(world.covariance[:, 2, 2], env.DRIFT[sim][2] ** 2, hint)
     world.covariance[:] = 0
     world.measure(envs.robots)
     hint = "an estimate is more than the last measurement: what is known for sure stays as it is"
@@ -535,41 +510,24 @@ def test_the_imu_has_noise_of_its_own_at_every_tick():
     _, imu, _ = disturbances("mujoco")
     error = imu.swapaxes(1, 2).reshape(-1, 100, 4)  # [2448, 100, 4] tick by tick
     noise = error / ([TASK.imu_rad] * 2 + [TASK.imu_rad_s] * 2)
-    close(noise.mean(0), 0, "a constant error belongs to the body", atol=0.1)
     close(noise.std((0, 1)), 1, "the size is that of the task", rtol=0.02)
     assert related(noise) < 0.01, "anew at every tick, for each of its four numbers"
 
 
 def test_every_number_of_a_body_is_uniform_around_that_of_the_model():
-    n, spread = 2000, Spread()
+    n, spread, columns = 2000, Spread(), []
     rngs, model = default_rng(0).spawn(n), robot_model.Variation.as_model(ROBOT, n)
-    body, columns = spread.draw(rngs, ROBOT), []
+    body = spread.draw(rngs, ROBOT)
     assert vars(body).keys() == vars(spread).keys(), "a size for every field"
     for name, size in vars(spread).items():
         off = (getattr(body, name) - getattr(model, name)).reshape(n, -1) / size  # from −1 to 1
-        if name == "delay":
-            off = 2 * off - 1  # no delay is below 0
-        columns.append(off)
-        low, high = off.min(0), off.max(0)
-        assert low.min() >= -1 and high.max() <= 1, f"{name}: beyond its spread, {low}, {high}"
-        assert (low < -0.98).all() and (high > 0.98).all(), f"{name}: all of it, {low}, {high}"
-        close(off.mean(0), 0, f"{name}: its mean", atol=0.06)
-        close(off.std(0), 3**-0.5, f"{name}: its σ", rtol=0.05)
-    assert related(np.hstack(columns)) < 0.1, "every number is drawn by itself: two go together"
-    close(body.zero.std(), np.radians(0.5), "σ of a joint's zero", rtol=0.01)
+        columns.append(2 * off - 1 if name == "delay" else off)  # no delay is below 0
+    off = np.hstack(columns)
+    for got, want in (off.min(0), -1), (off.max(0), 1), (off.mean(0), 0), (off.std(0), 3**-0.5):
+        close(got, want, f"smallest, largest, mean, σ in the order of {[*vars(spread)]}", atol=0.06)
+    assert related(off) < 0.1, "every number is drawn by itself: two go together"
     ice = Spread(friction=2.0).draw(rngs, ROBOT).friction
     assert ice.min() > 0 and ice.max() > 2.6, "no friction is less than none: its absolute value"
-
-
-@BOTH
-def test_a_reset_builds_each_robot_and_builds_it_once(sim):
-    kind = robot_model.SIMULATORS[sim]
-    with mock.patch.object(kind, "place", autospec=True, side_effect=kind.place) as place:
-        envs = FootstepVectorEnv(3, sim)
-        assert not place.mock_calls, "a reset follows anyway"
-        envs.reset(seed=0)
-        envs.world.reset([1])
-    equal([call.args[1] for call in place.mock_calls], [0, 1, 2, 1])
 
 
 WILD = default_rng(0).random(6)
@@ -586,23 +544,20 @@ class Greedy(Spread):  # takes more random numbers than ours
     ({"goals": [[1.0, 2.0, 3.0]]}, {"goal"}),
     ({"spread": Greedy()}, set(robot_model.Variation.__dataclass_fields__)),
     ({"push": 0.8}, {"push"}),
-    ({"views": 2}, set()),
-    ({"measurements": 1}, {"noise of the goal"}),
-    ({"more_steps": 1}, set()),
+    ({"ask": FootstepWorld.view}, set()),
+    ({"ask": FootstepWorld.measure}, {"noise of the goal"}),
+    ({"walks_on": True}, set()),
 ], ids=["goals", "greedy", "push", "view", "measure", "walk on"])  # fmt: skip
 def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(change, may_change):
-    def drawn(views=0, measurements=0, more_steps=0, goals=None, push=0.4, spread=Spread()):
-        """What is drawn for a robot in two episodes, [2, ...] by name. So often somebody asks for its
-        view, and it measures, before it walks; then it walks on."""
+    def drawn(goals=None, push=0.4, spread=Spread(), ask=None, walks_on=False):
+        """What is drawn for a robot in two episodes, [2, ...] by name."""
         task, episodes = replace(TASK, push_every=0.7), []
         world = FootstepWorld(1, noise=True, push=push, task=task, spread=spread)
         told = follow(world, np.zeros((1, 3)))
         for rngs in [stream("training", 6)], ():
             world.reset([0], rngs, goals)
-            for _ in range(views):
-                world.view([0])
-            for _ in range(measurements):
-                world.measure([0])
+            if ask:
+                ask(world, [0])
             world.step([WILD], [0])
             goal = world.goal.copy()
             world.set_goal([0], goal)  # so that the estimate is the next measurement
@@ -613,7 +568,7 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(change, ma
                 "push": told[-1].push,
             }
             episodes.append({name: values.copy() for name, values in found.items()})
-            for _ in range(more_steps):
+            if walks_on:
                 world.step([WILD], [0])
         return {name: np.array([one[name] for one in episodes]) for name in found}
 
@@ -624,8 +579,6 @@ def test_what_is_given_or_done_replaces_its_own_draw_and_nothing_else(change, ma
     )
     if "push" in change:
         close(other["push"], 2 * plain["push"], "the same pushes, twice as strong")
-    if "goals" in change:
-        equal(other["goal"], [change["goals"]] * 2)
     for name in plain.keys() - {"push"}:
         assert len(np.unique(plain[name])) == plain[name].size, f"{name}: drawn anew for each"
 
@@ -639,74 +592,37 @@ def test_a_view_shows_what_was_measured_and_nothing_of_the_truth():
         world.simulator.state[:, robot_model.GROUND] += far
         world.estimate[:] = goals
         views.append(vars(world.view([2, 1])))
-        assert views[-1].pop("limits") == world.limits
-    for name, shown in views[1].items():
-        close(views[0][name], shown, f"{name} tells what no robot can know")
-        if np.ndim(shown):
-            shown[:] = 9
+    np.testing.assert_equal(*views, "it tells what no robot can know")
     equal(views[0]["robots"], [2, 1])
     close(views[0]["goal"], goals[:2])
+    for name in "goal", "last_action", "neutral_action":
+        views[1][name][:] = 9
     for values in (world.neutral_action, world.last_action, world.estimate):
         assert values.max() <= 1, "a planner wrote into its view: hand out copies"
 
 
-def test_a_view_is_only_a_question_and_a_double_step_measures_once():
-    world, robots = FootstepWorld(3, noise=True), np.arange(3)
-    world.reset(robots, [stream("training", i) for i in robots])
-    for count in range(1, 6):
-        view, again = world.view(robots), world.view(robots)
-        np.testing.assert_equal(vars(again), vars(view), "the same answer")
-        equal(view.goal, world.estimate)
-        equal(view.last_action, world.last_action)
-        close(view.observation[:, :8], env.encode_goal(view.goal), atol=1e-6)
-        # On the plane a turn is exact: the variance of n equal measurements is that of one / n.
-        close(world.covariance[:, 2, 2], TASK.noise_rad**2 / count, "a reset measures, too")
-        world.step(env.hand_written(view.goal, world.limits), robots)
-
-
-CHANGES = {  # a student's first change of a number, in both simulators
-    "a mass": {"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=3.0))},
-    "a length": {"robot": replace(ROBOT, thigh_length=0.175)},
-    "the walk": {"foot_rise": 0.03},
-    "a slower walk": {"step_ticks": 35},
-    "no choice sideways": {"limits": env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.4))},
-    "the spread": {"spread": Spread(mass=0.3, delay=0), "drift": (0.1, 0.1, 0.1)},
-}
-
-
 @BOTH
-@pytest.mark.parametrize("change", CHANGES)
-def test_whoever_changes_a_number_can_walk(sim, change):
-    settings = CHANGES[change]
-    if "walk" in change:
-        settings = {"walk": replace(walk_engine.TUNED[sim], **settings)}
-    world, robots = FootstepWorld(4, sim, **settings), np.arange(4)
+def test_whoever_changes_a_number_can_walk(sim):
+    """A mass, a length, how and how fast it walks, what it may command, what is random."""
+    drift, limits = np.full(3, 0.1), env.StepLimits((-0.1, 0, -0.3), (0.1, 0, 0.4))
+    robot = replace(ROBOT, torso=replace(ROBOT.torso, mass=3.0), thigh_length=0.175)
+    walk = replace(walk_engine.TUNED[sim], foot_rise=0.03, step_ticks=35)
+    own = {"robot": robot, "walk": walk, "limits": limits, "drift": drift}
+    world, robots = FootstepWorld(4, sim, spread=Spread(mass=0.3, delay=0), **own), np.arange(4)
     world.reset(robots, [stream("training", 1, i) for i in robots], [[0.5, 0.1, 0.3]] * 4)
     for _ in range(4):
         view = world.view(robots)
         result = world.step(env.hand_written(view.goal, world.limits), robots)
-    period = 0.02 * settings.get("walk", walk_engine.TUNED[sim]).step_ticks
-    close(view.period, period, "a planner is told how long a double step of this walk takes")
-    assert world.drift == settings.get("drift", env.DRIFT[sim]), "what the filter expects"
-    assert view.limits == settings.get("limits", env.LIMITS[sim]), "and what it may command"
-    assert not result["fall"].any(), f"{change}: it should walk with other numbers, too"
-    assert (world.pose[:, 0] > 0.15).all(), f"{change}: it should come nearer, {world.pose}"
+    close(view.period, 0.7, "a planner is told how long a double step of this walk takes")
+    assert view.limits == limits, "and what it may command"
+    equal(world.drift, drift, "what the filter expects")
+    assert not result["fall"].any(), "it should walk with other numbers, too"
+    assert (world.pose[:, 0] > 0.15).all(), f"it should come nearer, {world.pose}"
 
 
 def test_a_step_before_the_first_reset_is_an_error():
-    world = FootstepWorld(2)
-    world.reset([1])
-    with pytest.raises(gym.error.ResetNeeded, match="call reset before"):
-        world.step(np.full((2, 6), 0.5), [0, 1])
-    world.step(np.full((1, 6), 0.5), [1])
-
-
-def test_settings_may_be_arrays():
-    drift = np.array([0.1, 0.2, 0.3])
-    world = FootstepWorld(1, drift=drift)
-    world.reset([0])
-    world.step([world.neutral_action], [0])
-    equal(world.drift, drift)
+    with pytest.raises(gym.error.ResetNeeded):
+        FootstepWorld(1).step(np.full((1, 6), 0.5), [0])
 
 
 OWN = """
@@ -734,12 +650,11 @@ if __name__ == "__main__":
 def own_file(tmp_path, monkeypatch):
     """own_file(line, sim) -> the path of a file with a robot of one's own, in which this line stands."""
     monkeypatch.setattr(sys, "path", sys.path[:])
-    monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "beside.py").write_text("NUMBER = 7", "utf-8")
     monkeypatch.delitem(sys.modules, "beside", raising=False)
 
     def write(line="", sim="pymunk"):
-        path = tmp_path / f"mine{len([*tmp_path.iterdir()])}.py"
+        path = tmp_path / "mine.py"
         path.write_text(OWN.format(sim=sim, line=line), "utf-8")
         return path
 
@@ -747,10 +662,8 @@ def own_file(tmp_path, monkeypatch):
 
 
 def test_names_in_a_file_of_one_s_own(own_file):
-    before = sys.path[:]
     (mine, robot) = env.names_in(own_file(), Mine=type, ROBOT=robot_model.RobotModel)
     assert mine().number == 7 and robot == ROBOT, "it may import what lies beside it"
-    assert sys.path[: len(before)] == before, "its folder is searched last"
 
 
 def test_each_file_has_its_own_helpers_and_does_not_move_us_to_another_folder(tmp_path):
@@ -765,13 +678,11 @@ def test_each_file_has_its_own_helpers_and_does_not_move_us_to_another_folder(tm
 
 
 @pytest.mark.parametrize("line, said", [
-    ("ROBOT = 3", "needs a ROBOT that is a RobotModel"),
-    ("del ROBOT", "needs a ROBOT that is a RobotModel"),
-    ("exit()", "ends Python"), ("import sys; sys.exit(main())", None), ("1 / 0", None),
+    ("ROBOT = 3", "needs a ROBOT that is a RobotModel"), ("exit()", "ends Python"), ("1 / 0", None),
 ])  # fmt: skip
 def test_a_wrong_file_is_one_line_and_an_error_in_it_keeps_its_traceback(own_file, line, said):
     path = own_file(line)
-    kind = robot_model.InputError if said else (NameError, ZeroDivisionError)
+    kind = robot_model.InputError if said else ZeroDivisionError
     with pytest.raises(kind, match=rf"\A{path}: {said}.*\Z" if said else None) as caught:
         env.names_in(path, ROBOT=robot_model.RobotModel)
     if not said:
@@ -779,28 +690,11 @@ def test_a_wrong_file_is_one_line_and_an_error_in_it_keeps_its_traceback(own_fil
         assert last.path == path and line in str(last.statement), "where it was raised"
 
 
-def test_a_file_that_is_missing_or_no_python_is_one_line(tmp_path):
-    (tmp_path / "policy.pt").write_text("1 / 0", "utf-8")
-    for name in "nowhere.py", "policy.pt", "":
-        with pytest.raises(robot_model.InputError, match="no such .py file"):
-            env.names_in(tmp_path / name)
-
-
-@BOTH
-def test_the_robot_of_a_file_is_a_world_s_settings(own_file, sim):
-    path = own_file("ROBOT = replace(ROBOT, thigh_length=0.175)", sim)
-    got = env.robot_settings(path, sim)
-    want = {"walk": walk_engine.TUNED[sim], "limits": env.LIMITS[sim]}
-    assert got == want | {"robot": replace(ROBOT, thigh_length=0.175)}
-    assert FootstepWorld(1, sim, **got).engine.robot == got["robot"]
-
-
 @BOTH
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("line", [
-    "ROBOT = replace(ROBOT, thigh_length=-1.0)", "ROBOT = replace(ROBOT, gravity='g')",
+    "ROBOT = replace(ROBOT, thigh_length=-1.0)", "WALK = replace(WALK, step_ticks=30.5)",
     "ROBOT = replace(ROBOT, torso=replace(ROBOT.torso, mass=-1.0))",
-    "WALK = replace(WALK, step_ticks=0)", "WALK = replace(WALK, step_ticks=30.5)",
     "LIMITS = env.StepLimits((0, 0), (1, 1, 1))",
 ])  # fmt: skip
 def test_a_robot_that_cannot_stand_or_step_is_one_line_that_names_its_file(own_file, sim, line):
@@ -809,49 +703,31 @@ def test_a_robot_that_cannot_stand_or_step_is_one_line_that_names_its_file(own_f
         env.robot_settings(path, sim)
 
 
-def test_a_misspelt_setting_or_option_is_an_error():
-    with pytest.raises(TypeError, match="nois"):
-        gym.make("Footsteps-v0", nois=True)
-    with pytest.raises(ValueError, match="^sim is one of pymunk, mujoco, not 'bullet'$"):
-        FootstepVectorEnv(sim="bullet")
-    one = env.FootstepEnv()
-    one.render()  # before the first reset, too
-    with pytest.raises(TypeError, match="goal'"):
-        one.reset(options={"goal": [[1.0, 0, 0]]})
-    one.reset()
-    *_, info = one.step(one.envs.world.neutral_action)
-    assert {type(info[name]) for name in ("success", "fall", "timeout", "time")} == {bool, float}
-
-
 IN, OUT, FALL, OTHER_GOAL = (0.0, 0), (0.2, 0), "falls, inside", "inside, with a goal that is set"
 
 
 @pytest.mark.parametrize("in_a_row, ends, want, counted", [  # of the double steps: how far from the
     # goal [m], [°]; how it ends; after how many of them
-    (2, [IN, IN], "success", 1), (2, [IN, OUT, IN, IN], "success", 3), (2, [IN, FALL], "fall", 2),
+    (2, [IN, OUT, IN, IN], "success", 3), (2, [IN, FALL], "fall", 2),
     (2, [(0.049, 9.9)] * 2, "success", 1), (2, [(0.0, 360)] * 2, "success", 1),
-    (2, [(0.051, 0)] * 2, "", 2), (2, [(0.0, 10.1)] * 2, "", 2), (2, [(0.0, -10.1)] * 2, "", 2),
-    (2, [IN, OTHER_GOAL, IN], "success", 2),
-    (1, [IN], "success", 1), (1, [OUT, IN], "success", 2), (1, [FALL], "fall", 1),
-    (3, [IN, IN, OUT, IN, IN, IN], "success", 4), (3, [IN, IN, FALL], "fall", 3),
-    (3, [IN, IN, OTHER_GOAL, IN, IN], "success", 3),
+    (2, [(0.051, 0)] * 2, "", 2), (2, [(0.0, -10.1)] * 2, "", 2),
+    (2, [IN, OTHER_GOAL, IN], "success", 2), (1, [OUT, IN], "success", 2),
+    (3, [IN, IN, OUT, IN, IN, IN], "success", 4),
 ])  # fmt: skip
 def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(in_a_row, ends, want, counted):
     # Noise must not matter: the true pose counts.
-    world = FootstepWorld(2, noise=True, task=replace(TASK, in_a_row=in_a_row))
-    world.reset([0])
+    world = FootstepWorld(1, noise=True, task=replace(TASK, in_a_row=in_a_row))
     # First it starts at its goal, which does not count as having been there. The second time
     # nothing is left of the first episode.
     for goal in np.array([[0, 0, 0], [0.7, -0.2, 1.0]]):
-        world.reset([1], goals=[goal])
+        world.reset([0], goals=[goal])
         for step, end in enumerate(ends, 1):
             if end is OTHER_GOAL:
-                world.set_goal([1], [goal])
+                world.set_goal([0], [goal])
             x, yaw = IN if end in (FALL, OTHER_GOAL) else end
             place = goal + [0.6 * x, 0.8 * x, math.radians(yaw)]
             follow(world, [place], end is FALL, waits=step)
-            world.set_goal([0], [[9.0, 9.0, 0.0]])  # that of another robot
-            result = world.step(np.full((1, 6), 0.4), [1])
+            result = world.step(np.full((1, 6), 0.4), [0])
             got = [name for name in ("success", "fall", "timeout") if result[name]]
             assert got == ([want] if want and step == len(ends) else []), (
                 f"after double step {step} of {ends}: {in_a_row} in a row must end within 5 cm AND "
@@ -863,37 +739,26 @@ def test_to_arrive_is_to_stay_within_5_cm_and_10_degrees(in_a_row, ends, want, c
         close(result["time"], 0.01 * sum(ticks[:counted]), hint)
 
 
-@BOTH
-@pytest.mark.parametrize("limit", [TASK.time_limit, None])  # [s] None: just five double steps
-def test_no_time_left_truncates_and_does_not_terminate(sim, limit):
-    walk = walk_engine.TUNED[sim]
-    longest = 0.01 * walk.longest_wait_ticks * (walk.wait > 0)  # [s] so long the last one may wait
-    limit = limit or 0.1 * walk.step_ticks + longest
-    envs = FootstepVectorEnv(5, sim, task=replace(TASK, time_limit=limit))
-    world, usual = envs.world, envs.world.engine.period_ticks
-    whole = math.floor((limit - longest) / world.engine.period + 1e-9)  # double steps that fit in
-    away, goal = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+def test_no_time_left_truncates_and_does_not_terminate():
+    usual = 2 * WALK.step_ticks  # [ticks] of a double step
+    envs = FootstepVectorEnv(5, task=replace(TASK, time_limit=0.01 * 5 * usual))  # for five
+    world, away, goal = envs.world, [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]
     want = np.array(["", "timeout", "timeout", "success", "fall"])
     envs.reset(seed=0, options={"goals": [goal] * 5})
-    # Robots 0 and 2 have time for more, but robot 2 waits for long, and others wait, too. Robot 0
-    # waits as long as it may: another double step just fits in.
-    world.ticks[:] = began = usual * np.subtract(whole, [3, 1, 2, 1, 1])
-    most = round((limit - longest) / 0.01) - usual * (whole - 1)
-    waits = np.array([most, 3, usual, 8, 1])
+    # Another double step just fits in for robot 0, and not for robot 2, which waits a tick.
+    world.ticks[:] = began = usual * np.array([3, 4, 3, 4, 4])
+    waits = np.array([0, 3, 1, 8, 1])
     world.in_a_row[3], world.arrival[3] = 1, began[3]
-    follow(world, [away, away, goal, goal, goal], want == "fall", waits)
+    follow(world, np.array([away, away, goal, goal, goal]), want == "fall", waits)
     _, _, terminated, truncated, infos = envs.step(np.tile(envs.neutral_action, (5, 1)))
     hint = "it truncates where no double step fits in: stage 4 bootstraps there, not after a fall"
     equal(truncated, want == "timeout", hint)
     equal(terminated, np.isin(want, ("success", "fall")), hint)
-    for mask in ("_final_obs", "_final_info"):
-        equal(infos[mask], want != "", f"{mask} says which episodes ended")
-    final = infos["final_info"]
-    for name in ("success", "fall", "timeout"):
-        equal(final[name], want == name)
+    equal(infos["_final_info"], want != "", "which episodes ended")
     ended = began + usual + waits
     time = 0.01 * np.where(want == "success", began, ended)
-    close(final["time"], time, "[s], also of a double step that waits; a success was there before")
+    hint = "[s], also of a double step that waits; a success was there before"
+    close(infos["final_info"]["time"], time, hint)
     equal(world.ticks, ended * (want == ""), "waiting takes time; the next episode begins with 0")
     equal(world.steps, want == "", "so does the count of double steps")
 
@@ -907,17 +772,18 @@ def test_the_hand_written_planner_turns_to_a_far_goal_and_like_a_near_one():
     close(far, [[0, 0.07, 0.15], [0, 0, -0.15]], "far: to the goal's place, to the left")
 
 
-def test_the_figure_of_rewards_shows_sums_and_centimetres(monkeypatch):
-    shown = []
-    monkeypatch.setattr(robot_model, "save_figure", lambda figure, path: shown.append(figure))
+def test_the_figure_of_rewards_shows_sums_and_centimetres(shown):
     paid = {"r_c": np.array([0.0, -1.0]), "r_fall": np.zeros(2), "r_d": np.array([1.0, 2.0])}
-    env.plot_rewards(paid, np.array([[0.05, 0.03]] * 2), "")
+    with mock.patch.object(FootstepWorld, "step"):  # the robots stand
+        _, claimed = errors = env.estimate_errors("pymunk", 0)
+    close(claimed[0], 0.05, "of one measurement the filter claims its noise, [m]", rtol=1e-3)
+    env.plot_rewards(paid, errors, "")
     curves, estimate = shown[0].axes
     names = [name.get_text() for name in curves.get_legend().get_texts()]
     assert names == ["r_d", "r_c"], "as the lines end; a term that paid nothing is left out"
     close(curves.lines[0].get_ydata(), [0, 1, 3], "the sum of rewards so far, at first 0")
-    close(estimate.lines[0].get_ydata(), [5, 3], "cm")
-    close(estimate.lines[2].get_ydata(), [5, 5 / 2**0.5], "of a robot that stands still")
+    for line, want in zip(estimate.lines, errors):
+        close(line.get_ydata(), 100 * want, "cm")
 
 
 def test_a_training_has_goals_of_its_own_stream():

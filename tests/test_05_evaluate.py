@@ -4,7 +4,6 @@ import argparse
 import itertools
 import json
 import math
-import multiprocessing
 import os
 import re
 import signal
@@ -166,22 +165,24 @@ def test_where_the_limits_leave_no_choice_the_tuned_baseline_walks_straight_ahea
 
 def test_only_the_first_command_of_a_trial_is_not_filtered():
     planner, ahead, aside = evaluate.BaselinePlanner(), [5.0, 0.0, 0.0], [0.0, 5.0, 0.0]
+    period = 0.9  # [s] the view's
 
     def steps_to(goal, robot=1):
-        return env.to_footsteps(planner.act(view([goal], [robot])), LIMITS)[0]
+        told = view([goal], [robot], period=period)
+        return env.to_footsteps(planner.act(told), LIMITS)[0]
 
     planner.reset(2)
     steps_to(ahead)
     close(planner.velocity[1], (0.12, 0, 0), "before a first command is none")
     steps_to(aside)
-    share = 1 - math.exp(-PERIOD / 1.0)  # τ = 1 s
+    share = 1 - math.exp(-period / 1.0)  # τ = 1 s
     changed = (0.12 * (1 - share), 0.07 * share, 0.3 * share)
     close(planner.velocity[1], changed, "the filter smooths changes")
     steps_to(ahead, robot=0)
     close(planner.velocity[0], (0.12, 0, 0), "robot 0 was not asked before, only robot 1")
     planner.reset(2)
-    turn = 0.3 * PERIOD / 2
-    want = [[0, 0.07 * PERIOD, turn], [0, 0, -turn]]
+    turn = 0.3 * period / 2
+    want = [[0, 0.07 * period, turn], [0, 0, -turn]]
     close(steps_to(aside), want, "of another trial, not filtered; it shares turns only")
 
 
@@ -308,9 +309,7 @@ def test_mcnemar_counts_trials_that_differ_and_tosses_coins():
     counts = row["only_ours"], row["only_theirs"]
     assert counts == (5, 1), "trials in which one planner alone fell; both or none say nothing"
     close(row["p"], 14 / 64, "six tosses: 0 or 1 heads in 7 of 64 ways, as many for 0 or 1 tails")
-    close(evaluate.mcnemar(theirs, ours)["p"], 14 / 64, "whoever comes first")
     assert evaluate.mcnemar(ours, ours) == {"only_ours": 0, "only_theirs": 0, "p": 1}
-    assert all(type(value) in (int, float) for value in row.values()), "for the JSON file"
 
 
 def test_table_has_the_paper_s_rows_below_ours():
@@ -322,52 +321,34 @@ def test_table_has_the_paper_s_rows_below_ours():
             {
                 ("policy", True, 1.0): trials([*four, "fall"] * times, [3, 8, 12, 10, 1] * times),
                 ("b", True, 1.0): trials([*four, "timeout"] * times, [10, 10, 10, 10, 9] * times),
+                ("c", True, 1.0): trials(["fall"] * 5 * times, [1] * 5 * times),
                 ("policy", False, 1.0): trials(["success"], [1]),  # another noise: with none
             }
         )
 
     text = evaluate.table(rows, pairs(7))
-    assert len(max(text.splitlines(), key=len)) <= 100, "it fits into a terminal of 100 columns"
     assert text.endswith(evaluate.NOTE), "what the paper's rows say, and what they do not"
-    parts = re.sub(" +", " ", text).strip().split("\n\n")[1:]  # columns are aligned
-    said, (near, far, (pair,)) = parts[::2], [part.splitlines()[2:] for part in parts[1::2]]
-    told = "0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00, 5.00, 5.90 | 0.500 |"
+    parts = re.sub(" +", " ", text).strip().split("\n\n")  # columns are aligned
+    said, ((pair, worst), near, far) = parts[::2], [part.splitlines()[2:] for part in parts[1::2]]
+    told = "0.500 [0.150, 0.850] | 0.250 | 0.250 | 5.00 ± 1.00, 5.00, 5.90 | 0.500 |"
     assert near == [
         f"| policy | {told}",
         "| policy, paper | 0.978 | 0.000 | 0.022 | 6.35 ± 2.23 | |",
         "| baseline, paper | 0.910 | 0.078 | 0.012 | 11.43 ± 5.11 | |",
     ], "times, and those still there, are of the successes only"
-    close(rows[0]["fall_ci95"], evaluate.wilson(1, 4), "each rate has its own interval")
-    close(rows[0]["time_std"], 1, "of the successes")
     assert far == [f"| policy | {told}"], "Table II has no such row"
-    assert said[1] == "Goals: σ 1.0 m; noise: yes"
+    assert said[2] == "Goals: σ 1.0 m; noise: yes"
     low, high = pairs(7)[0]["time_ratio_ci95"]
     interval = f"[{low:.3f}, {high:.3f}]"
     want = f"| σ 1.0 m | yes | b | 0.825 {interval} | 0.500, 0.250, 0.250 | 7, 0 | 0.016 |"
     hint = "goal by goal 0.3, 0.8, 1.2, 1: two of four are faster, one is slower; the policy alone fell"
     assert pair == want, hint
+    assert worst == "| σ 1.0 m | yes | c | no goal in common | | 0, 28 | 0.000 |"
     assert "| 0.825 [ nan, nan] |" in re.sub(" +", " ", evaluate.table(rows, pairs(1)))
-    assert "Time: mean of" not in evaluate.table(rows, []), "no empty table"
     exact = evaluate.table([row_of("policy", False, 0.5)], [])
     assert " 0.980 " in exact and "11.13" in exact, "Table II without noise"
     text = evaluate.table(rows, [], "--push 0.4")
     assert text.startswith("With --push 0.4\n") and "paper" not in text, "it pushed nobody"
-
-
-def test_falls_are_compared_also_where_no_goal_is_reached_by_both():
-    """The worst policy is the one that the table must tell of."""
-    rows = evaluate.compare(
-        {
-            ("policy", False, 0.5): trials(["fall"] * 10, [1] * 10),
-            ("b", False, 0.5): trials(["success"] * 10, [5] * 10),
-        }
-    )
-    assert [(row["reference"], row["only_ours"], row["only_theirs"]) for row in rows] == [
-        ("b", 10, 0)
-    ]
-    close(rows[0]["p"], 2 / 2**10)
-    *_, line = re.sub(" +", " ", evaluate.table([row_of("b", False, 0.5)], rows)).splitlines()
-    assert line == "| σ 0.5 m | no | b | no goal in common | | 10, 0 | 0.002 |"
 
 
 class Recorder:
@@ -424,18 +405,14 @@ def test_noise_of_a_goal_depends_on_neither_planner_nor_number(noisy):
     equal(noise[4:], first_noise(Recorder(), noisy, last), hint)
     # Rounded: goal + noise − goal has other last digits for every goal
     assert len(np.unique(noise.round(9))) == noise.size, "goals must not share their noise"
+    far = evaluate.draw_trials(3, 6, far=True)
+    close(far.goals, six.goals * (2, 2, 1), "σ = 1 m, not 0.5 m")
+    close(first_noise(Recorder(), noisy, far), noise, "of a far trial only the goal differs")
     dice = env.Dice(*env.stream("evaluation", 3, 0).spawn(5)).noise
     close(noise[0], dice.normal(size=3) * 0.05, "more than one measurement for a decision")
 
 
-def test_far_trials_are_near_ones_with_the_goal_twice_as_far(noisy):
-    near, far = (evaluate.draw_trials(3, 6, far) for far in (False, True))
-    close(far.goals, near.goals * (2, 2, 1), "σ = 1 m, not 0.5 m")
-    noise, other = (first_noise(Recorder(), noisy, asked) for asked in (near, far))
-    close(other, noise, "only the goal may differ")
-
-
-OUT, TWISTED = (0.06, 0, 0), (0, 0, math.radians(11))  # seen from the goal [m, m, rad]
+OUT = (0.06, 0, 0)  # seen from the goal [m, m, rad]
 IN = (0.02, -0.03, math.radians(9))  # 3.6 cm and 9° from the goal
 FALLS = "falls"
 ENDINGS = {  # after each double step; outcome, double steps, those in place after them, those of its
@@ -444,9 +421,7 @@ ENDINGS = {  # after each double step; outcome, double steps, those in place aft
     "arrives later": ([OUT, IN, IN, IN, IN], "success", 3, 2, 2, True),
     "rolls on by 6 cm": ([IN, IN, IN, OUT], "success", 2, 2, 1, False),
     "falls afterwards": ([IN, IN, FALLS, IN], "success", 2, 1, 1, False),
-    "passes by": ([IN, OUT, IN], "timeout", 3, 0, 3, False),
-    "arrives too late": ([OUT, TWISTED, IN], "timeout", 3, 0, 3, False),
-    "falls instead of staying": ([IN, FALLS, IN], "fall", 2, 0, 2, False),
+    "arrives too late": ([OUT, OUT, IN], "timeout", 3, 0, 3, False),
     "falls at the goal": ([FALLS], "fall", 1, 0, 1, False),
 }
 
@@ -473,8 +448,6 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
         equal(found[key], want, f"{key}: {hint}; of {[*ENDINGS]}")
     close(found["time"] / noisy.engine.period, timed, "of a success: to the first of two")
     equal(count, steps + more, "only successes walk on, twice; who fell meanwhile does not")
-    in_place = (noisy.last_action[: len(poses)] == noisy.neutral_action).all(1)
-    equal(in_place, outcome == "success", "no planner is asked: in place")
     assert len(planner.goals) == 3, "one measurement a decision, none afterwards"
 
 
@@ -482,28 +455,19 @@ def test_success_is_to_be_inside_twice_in_a_row(noisy, monkeypatch):
 def test_no_walk_hangs_on_the_last_bits_of_its_start(sim):
     """Other processors round a stance in another way. So soles that only just touch the floor would
     touch it elsewhere: `RobotModel.sink`."""
-    trials = evaluate.draw_trials(seed=5, count=8)
 
-    def walk(deeper, pitch):
-        """The ends of noisy walks, and where the feet last stood."""
+    def end(deeper):
+        """Where noisy walks end, from a start that is so much deeper in the floor [m]."""
         world = env.FootstepWorld(8, sim, noise=True)
         torso, joints = world.simulator.standing
-        world.simulator.standing = torso + [0, 0, -deeper, 0, pitch, 0], joints
-        feet = np.zeros((8, 2, 3))
-
-        def watch(robots, motion):
-            last = motion.torso[:, -1], motion.joints[:, -1]
-            feet[robots] = evaluate.foot_poses(ROBOT, *last)
-
+        world.simulator.standing = torso - [0, 0, deeper, 0, 0, 0], joints
         planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
-        return evaluate.evaluate(planner, world, trials, watch), feet
+        evaluate.evaluate(planner, world, evaluate.draw_trials(seed=5, count=8))
+        return world.pose.copy()
 
-    want, stood = walk(0, 0)
-    for change in (1e-12, 0), (-1e-12, 0), (0, 1e-15), (0, -1e-15):  # [m], [rad]
-        found, feet = walk(*change)
-        equal(found["outcome"], want["outcome"], f"after a start that differs by {change}")
-        equal(found["steps"], want["steps"], f"after a start that differs by {change}")
-        close(feet[..., :2], stood[..., :2], f"a start that differs by {change} [m]", atol=1e-3)
+    want = end(0)
+    for deeper in 1e-12, -1e-12:
+        close(end(deeper), want, f"after a start that is deeper by {deeper} m", atol=1e-3)
 
 
 def save_untrained(path, sim="pymunk", fits=(), **settings):
@@ -566,15 +530,6 @@ def call(*arguments):
     return json.loads(text, parse_constant=pytest.fail)  # JSON knows no NaN
 
 
-def refused(*arguments):
-    """The one line of a call that must be refused, before anything is written."""
-    with pytest.raises(robot_model.InputError) as stopped:
-        call(*arguments)
-    (line,) = str(stopped.value).splitlines()
-    assert not Path("out").exists(), "check everything first, then write"
-    return line
-
-
 def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials, one_robot):
     (shipped,) = evaluate.arguments([]).policy
     assert shipped.is_file(), "the one beside the stages, in whatever folder they are started"
@@ -587,17 +542,20 @@ def test_your_own_policy_comes_first_and_rows_are_called_like_files(short_trials
     planners = evaluate.choose_planners(one_robot, policies, mine)
     names = "policy a/policy.pt seed_1 mine mine.py b/mine.py b/baseline.py baseline_tuned baseline"
     assert " ".join(planners) == names, "called like the file, by its path if that is taken"
-    assert planners["baseline"].settings == B, "those of the paper"
-    assert planners["baseline_tuned"].settings == evaluate.TUNED_BASELINE["pymunk"] != B
+
+
+ANOTHER = {
+    "walk": replace(WALK, foot_rise=0.03),
+    "limits": env.StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1)),
+    "spread": env.Spread(mass=0.2),
+    "drift": (0.1, 0.0, 0.0),
+    "robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0)),
+}
 
 
 @pytest.mark.parametrize("settings, said", [
-    ({"walk": replace(WALK, foot_rise=0.03), "spread": env.Spread(mass=0.2)}, "walk, spread"),
-    ({"drift": (0.1, 0.0, 0.0)}, "drift"),
-    ({"limits": env.StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))}, "step limit"),
-    ({"robot": replace(ROBOT, torso=replace(ROBOT.torso, mass=4.0))}, "robot"),
-    ({"push": 0.4}, None), ({}, None)
-], ids=["walk", "drift", "limits", "robot", "push", "same"])  # fmt: skip
+    (ANOTHER, "walk, step limit, spread, drift, robot"), ({"push": 0.4}, None),
+], ids=["another", "pushed"])  # fmt: skip
 def test_a_policy_of_another_world_walks_and_a_note_says_what_differs(
     one_robot, tmp_path, capsys, settings, said
 ):
@@ -626,19 +584,15 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
     (["--policy", "missing.pt"], "missing.pt: no such file"),
     (["--planner", "missing.py"], "missing.py: no such .py file"),
     (["--planner", "text.py"], "text.py: .*Planner"),
-    (["--robot", "text.py"], "text.py: .*(ROBOT|WALK|LIMITS)"),
-    (["--robot", "mine.py", "ROBOT = type(ROBOT)"], "mine.py: .*ROBOT .*RobotModel"),
-    (["--robot", "mine.py", "WALK = vars(WALK)"], "mine.py: .*WALK .*WalkParameters"),
-    (["--robot", "mine.py", "LIMITS = LIMITS.low, LIMITS.high"],
-     "mine.py: .*LIMITS .*StepLimits"),
 ], ids=str)  # fmt: skip
 def test_a_file_that_cannot_be_used_is_one_line(short_trials, flags, mention):
     save_untrained(Path("other.pt"), "mujoco")
     save_untrained(Path("blind.pt"), fits={"observation": ["all"]})
     ppo.save_policy(Path("pendulum.pt"), ppo.ActorCritic(3, 1), fits=None)
     Path("text.py").write_text("class Other: pass")
-    Path("mine.py").write_text("\n".join([OTHER_ROBOT, *flags[2:]]), "utf-8")
-    assert re.match(mention, refused(*flags[:2]).replace(os.sep, "/"))
+    with pytest.raises(robot_model.InputError, match=rf"\A{mention}.*\Z"):  # one line
+        call(*flags)
+    assert not Path("out").exists(), "check everything first, then write"
 
 
 def test_another_robot_walks_by_the_numbers_of_its_file(short_trials):
@@ -656,8 +610,7 @@ def test_another_robot_walks_by_the_numbers_of_its_file(short_trials):
 @pytest.mark.parametrize(
     "line, rule",
     [
-        ("return actions[:1]", r"of shape \(2, 6\)"),
-        ("actions[1, 2] = np.nan", "must be finite"),
+        ("return actions[:1]", r"must be finite numbers of shape \(2, 6\)"),
         ("actions[0, 0] = 1.01", "must lie between 0 and 1"),
         ("actions[0, 0] = -0.01", "must lie between 0 and 1"),
     ],
@@ -669,11 +622,6 @@ def test_a_wrong_action_names_the_file_and_the_rule(noisy, tmp_path, monkeypatch
         evaluate.evaluate(planner, noisy, to(np.zeros((2, 3))))
 
 
-def test_a_planner_may_be_called_like_a_module_and_import_what_lies_beside_it(short_trials):
-    Path("beside.py").touch()
-    call("--planner", own_planner("tempfile.py", "import beside"), "--episodes", 1)
-
-
 @pytest.mark.parametrize("error", [KeyError, OSError])
 def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
     path = own_planner("mine.py", f"raise {error.__name__}('one of mine')")
@@ -681,44 +629,25 @@ def test_a_planner_s_own_error_keeps_its_traceback(short_trials, error):
         call("--planner", path, "--episodes", 2)
     last = caught.traceback[-1]
     assert (last.path.name, last.lineno) == ("mine.py", LINE), "where it was raised"
-
-
-@pytest.mark.parametrize("end", [
-    lambda code: code + "import sys\nsys.exit()",
-    lambda code: code + "import argparse\nargparse.ArgumentParser().error('no such flag')",
-    lambda code: code.replace("        pass", "        raise SystemExit"),
-    lambda code: code.replace("        return", "        exit(0)\n        return"),
-], ids=["its end", "its main()", "reset", "act"])  # fmt: skip
-def test_a_planner_that_ends_python_is_one_line(short_trials, end):
-    path = own_planner("mine.py")
-    path.write_text(end(path.read_text("utf-8")), "utf-8")
     with pytest.raises(robot_model.InputError, match=r"\Amine\.py: .*exit.*\Z"):
-        call("--planner", path, "--episodes", 1)
-    assert not Path("out/table.md").exists()
+        call("--planner", own_planner("mine.py", "exit()"), "--episodes", 1)
 
 
 def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
-    second = save_untrained(Path("mine.pt"))
     line = "actions[:, [0, 3]] += 0.3"  # it walks past the second goal
     mine = own_planner("a/mine.py", line)  # the name is taken
     asked = evaluate.Trials(np.array([[0.0, 0, 0], [0.12, 0, 0]]), 6)
     monkeypatch.setattr(evaluate, "draw_trials", lambda *_: asked)
     flags = "--seed 6 --friction 0.4 --policy results/pymunk/policy.pt".split()
-    content = call(*flags, second, "--planner", mine)
-    said, table = capsys.readouterr().out, Path("out/table.md").read_text("utf-8")
-    assert table in said, "the table is printed"
+    content = call(*flags, save_untrained(Path("mine.pt")), "--planner", mine)
+    said = capsys.readouterr().out
+    assert Path("out/table.md").read_text("utf-8") in said, "the table is printed"
     assert "mine: mine.pt" in said, "say which file is judged"
-    assert "paper" not in table, "the paper's rows are about another floor"
-    assert [*short_trials[0][1]][0] == "a/mine.py", "yours is drawn, not the policy"
+    assert [*short_trials[0][1]][-3] == "a/mine.py", "yours is drawn, not the policy"
     plot_footsteps(*short_trials[0])
     assert Path("out/footsteps.png").read_bytes().startswith(b"\x89PNG")
-    assert (content["sim"], content["policy"][1]) == ("pymunk", "mine.pt")
-    assert content["ratios"][0]["time_ratio_ci95"] == [None, None], "of two goals"
     hint = "a goal is where it starts, and its mode is to step on the spot: does it explore?"
     assert content["rows"][0]["success"] > 0, hint
-    others = [row["reference"] for row in content["ratios"]]
-    want = ["mine", "a/mine.py", "baseline_tuned", "baseline"]
-    assert others == want, "the policy is compared with all others"
     _, *lines = Path("out/trials.csv").read_text("utf-8").splitlines()
     once, late = f"{PERIOD:.2f}", f"{3 * PERIOD:.2f}"  # [s]
     hint = "noise, σ, seed, trial, goal, μ of --friction, outcome, time with all its digits, steps"
@@ -727,11 +656,17 @@ def test_from_a_policy_file_to_the_table(short_trials, capsys, monkeypatch):
 
 
 def test_a_file_that_another_program_keeps_open_costs_no_result(short_trials, capsys):
-    for name in "evaluation.json", "trials.csv":
-        said = rf"\A.*{name}: Access is denied\Z"
-        with locked(name), pytest.raises(robot_model.InputError, match=said):
-            call("--episodes", 1)
-    assert Path("out/table.md").read_text("utf-8") in capsys.readouterr().out, "print first"
+    said = r"\A.*evaluation.json: Access is denied\Z"
+    with locked("evaluation.json"), pytest.raises(robot_model.InputError, match=said):
+        call("--episodes", 1)
+    assert "| baseline" in capsys.readouterr().out, "print first"
+
+
+@pytest.mark.parametrize("flag", ["--push=-1", "--friction=-1"])
+def test_a_flag_out_of_range_is_refused_in_one_line(capsys, flag):
+    with pytest.raises(SystemExit, match="2"):
+        evaluate.arguments([flag])
+    assert "from 0 on" in capsys.readouterr().err.splitlines()[-1]
 
 
 def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, monkeypatch):
@@ -747,9 +682,6 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
     rows = [(row["goal_std_m"], row["noise"], row["planner"]) for row in content["rows"]]
     names = ["policy", "baseline_tuned", "baseline"]
     assert rows == [*itertools.product((0.5, 1.0), (False, True), names)], "far: a block of its own"
-    times = {row["time_mean"] for row in content["rows"] if row["success"] == 0}
-    assert times == {None}, "nobody arrives within 2 s: null"
-    assert [content[name] for name in ("seed", "friction", "push")] == [6, 0.4, 0.3]
     near, far = (evaluate.draw_trials(6, 2, far).goals for far in (False, True))
     goals = np.genfromtxt("out/trials.csv", delimiter=",", skip_header=1, usecols=(5, 6, 7))
     equal(goals[12:], [*far] * 6, "the far block has goals twice as far")
@@ -757,84 +689,37 @@ def test_flags_of_the_command_line_reach_the_trials_and_are_told(short_trials, m
 
 
 # ------------------------------------------------------------------------ other processes
-def walked(planners, jobs, goals=([0.02, 0, 0], [0, 0.01, 0.05])):
+def walked(planners, jobs):
     """Rows of planners by name, walked in so many processes."""
-    args = argparse.Namespace(noise=True, push=None, jobs=jobs, episodes=len(goals))
+    goals = [0.02, 0, 0], [0, 0.01, 0.05], [0, 0.01, -0.05], [0.04, 0, 0]
+    args = argparse.Namespace(noise=True, push=None, jobs=jobs, episodes=4)
     return evaluate.evaluate_all(args, {0.5: to(goals)}, planners, {"sim": "pymunk"})
-
-
-def sleep():
-    """What a process of the caller does."""
-    time.sleep(60)
-
-
-@pytest.fixture
-def bystander():
-    """A process of the caller, that has nothing to do with ours, and must be the only one left."""
-    process = multiprocessing.get_context("spawn").Process(target=sleep)
-    process.start()
-    yield
-    end = time.monotonic() + 10
-    while len(multiprocessing.active_children()) > 1 and time.monotonic() < end:
-        time.sleep(0.05)  # no join: the pool's own thread may be the one that has waited
-    left = multiprocessing.active_children()
-    process.kill()
-    process.join()
-    assert left == [process], "our processes end, those of others live"
 
 
 class Mine(evaluate.BaselinePlanner):
     """A planner of one's own."""
 
 
-def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(
-    capfd, monkeypatch, bystander
-):
-    goals = [0.02, 0, 0], [0, 0.01, 0.05], [0, 0.01, -0.05], [0.04, 0, 0]
+def test_with_jobs_the_rows_are_the_same_and_a_planner_of_one_s_own_walks_here(monkeypatch):
     monkeypatch.setattr(evaluate, "PART", 2)  # so that other processes walk to two of four
     untrained = ppo.ActorCritic(*SIZES, first_action=env.to_action(np.zeros((2, 3)), LIMITS))
     policy, baseline = evaluate.PolicyPlanner(untrained), evaluate.BaselinePlanner()
     planners = {"policy": policy, "a": Recorder(), "b": Mine(), "baseline": baseline}
-    want = walked(planners, 1, goals)
+    want = walked(planners, 1)
     walk = mock.Mock(wraps=evaluate.evaluate)
     monkeypatch.setattr(evaluate, "evaluate", walk)
-    found = walked(planners, 2, goals)
+    found = walked(planners, 2)
     assert [*found] == [*want], "rows in the order of the table, whoever walked them"
     np.testing.assert_equal(found, want)
     here = [planner for (planner, *_), _ in walk.call_args_list]
     assert here == [planners["a"], planners["b"]] * 2
-    said = capfd.readouterr()
-    assert said.out == "" and "Traceback" not in said.err, "a bar, and nothing else"
 
 
-class Deadly(ppo.ActorCritic):
-    """Ends the process that unpacks it, as the system ends one that needs too much memory."""
-
-    def __reduce__(self):
-        return os._exit, (1,)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("planner, error, place", [
-    (evaluate.BaselinePlanner(settings=None), AttributeError, "in velocity_command"),
-    (evaluate.PolicyPlanner(Deadly(*SIZES)), robot_model.InputError, "terminated abruptly"),
-], ids=["raises", "is killed"])  # fmt: skip
-def test_an_error_in_another_process_is_shown_and_ends_them_all(planner, error, place, bystander):
-    with pytest.raises(error) as caught:
-        walked({"policy": evaluate.BaselinePlanner(), "wrong": planner}, jobs=2)
-    assert place in str(caught.value.__cause__), "its traceback says where it was raised"
-
-
-@pytest.mark.parametrize("count", [1, 2, 100, 101, 250])
+@pytest.mark.parametrize("count", [101, 250])
 def test_no_robot_walks_alone_in_another_process(count):
-    trials = evaluate.Trials(np.arange(3 * count).reshape(count, 3), 5, "tuning")
-    parts = evaluate.parts_of(trials)
-    equal(np.concatenate([part.goals for part in parts]), trials.goals)
+    parts = evaluate.parts_of(evaluate.Trials(np.zeros((count, 3)), 5))
     sizes = [len(part.goals) for part in parts]
-    assert max(sizes) <= evaluate.PART and max(sizes) - min(sizes) <= 1
-    assert min(sizes) > 1 or count == 1
-    assert [part.first for part in parts] == [0, *np.cumsum(sizes)[:-1]], "numbers in the stream"
-    assert {(part.seed, part.purpose) for part in parts} == {(5, "tuning")}
+    assert sum(sizes) == count and min(sizes) > 1 and max(sizes) <= evaluate.PART
 
 
 def test_a_script_lets_all_cores_walk_on_the_plane(monkeypatch):
@@ -846,9 +731,7 @@ def test_a_script_lets_all_cores_walk_on_the_plane(monkeypatch):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no process groups")
-# Helpers begin after half a second; after five they walk.
-@pytest.mark.parametrize("seconds", [0.5, pytest.param(5.0, marks=pytest.mark.slow)])
-def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
+def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path):
     policy = save_untrained(tmp_path / "policy.pt")
     flags = ["--noise", "--jobs", "2", "--out", tmp_path, "--policy", policy]
     command = [sys.executable, "-u", "05_evaluate.py", *flags]
@@ -865,7 +748,7 @@ def test_ctrl_c_is_one_line_and_ends_all_processes(tmp_path, seconds):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         process.stdout.readline()  # which policy: the walks begin
-        time.sleep(seconds)
+        time.sleep(0.5)  # helpers begin
         os.killpg(process.pid, signal.SIGINT)  # as the terminal does
         try:  # It waits until nobody lives on who could write to these pipes.
             _, errors = process.communicate(timeout=20)
