@@ -24,7 +24,7 @@ ActorCritic, PPOConfig, train = ppo.ActorCritic, ppo.PPOConfig, ppo.train
 SMALL = PPOConfig(num_envs=32, rollout=4, epochs=5, minibatch=64, learning_rate=1e-2, gamma=0.5)
 torch.set_num_threads(1)  # small networks: with more it takes twenty times as long
 HERE = Path()  # of each test another folder, see `own_folder`
-EPISODES = ("return", "length", "success", "fall", "timeout", "time")  # columns about episodes
+EPISODES = ("return", "success", "fall", "timeout", "time")  # columns about episodes
 
 
 @pytest.fixture(autouse=True)
@@ -293,19 +293,18 @@ def test_numbers_that_are_not_finite_stop_the_training(play, cfg):
 
 def test_episode_means_count_ended_episodes_only():
     def step(*episodes):
-        """infos of a step; of every episode: how it ended ("": it goes on), return, length, time."""
-        ends, returns, lengths, times = map(np.array, zip(*episodes))
-        final = {name: ends == name for name in EPISODES[2:5]}
+        """infos of a step; of every episode: how it ended ("": it goes on), return, time."""
+        ends, returns, times = map(np.array, zip(*episodes))
+        final = {name: ends == name for name in EPISODES[1:4]}
         final |= {"time": times, "reward": 0 * times}
-        sums = {"r": returns, "l": lengths}
-        return {"_episode": ends != "", "episode": sums, "final_info": final}
+        return {"_episode": ends != "", "episode": {"r": returns}, "final_info": final}
 
     nothing = dict.fromkeys(EPISODES, math.nan)
     assert ppo.episode_means([{}, {}]) == pytest.approx(nothing, nan_ok=True)
-    both = step(("success", 3.0, 10, 6.0), ("fall", -1.0, 20, 99.0))
-    late = step(("timeout", 1.0, 30, 100.0), ("", 0.0, 0, 0.0))
+    both = step(("success", 3.0, 6.0), ("fall", -1.0, 99.0))
+    late = step(("timeout", 1.0, 100.0), ("", 0.0, 0.0))
     got = ppo.episode_means([{}, both, late])
-    want = {"return": 1.0, "length": 20.0, "time": 6.0} | dict.fromkeys(EPISODES[2:5], 1 / 3)
+    want = {"return": 1.0, "time": 6.0} | dict.fromkeys(EPISODES[1:4], 1 / 3)
     assert got == pytest.approx(want), "of 3, −1 and 1; the time counts where the goal was reached"
     assert math.isnan(ppo.episode_means([late])["time"]), "no success: nan, not 0"
 
