@@ -249,6 +249,7 @@ def study_rungs(args):
             rows += rows_of_rung(args.sim, k, rung, settings)
         elif "rungs" in known:
             rows += common.pick(known["rungs"]["rows"], rung=rung)
+    robot_model.save_figure(plot_rungs(rows), args.out / "ladder.rungs.png")
     return {"steps": STEPS[args.sim], "rows": rows}
 
 
@@ -369,6 +370,30 @@ def plot(found, sim):
         axes.text(1.01 * x[-1], y[-1], line.get_label(), color=line.get_color(), va="center")
     axes.set_xlim(0, 1.4 * x[-1])
     axes.set_title("PPO swings up a pendulum: mean of five seeds, 95 % intervals")
+    return figure
+
+
+def plot_rungs(rows):
+    """The mean times on every rung with noise, by our rule of a success; text: the first trainings."""
+    figure, axes = common.subplots(figsize=(9, 4))
+    looks = {
+        "baseline": "k|",
+        "baseline_tuned": "kD",
+        "policy 0": "mo",
+        "policy 1": "m*",
+        "policy 2": "m^",
+    }
+    for name, look in looks.items():
+        own = common.pick(rows, planner=name, noise=True, in_a_row=2)
+        times, rungs = values(own, "time_mean"), values(own, "rung")
+        axes.plot(times, rungs, look, label=name, fillstyle="none", ms=8)
+        for time, rung in zip(times, rungs) if name == "policy 0" else ():
+            axes.annotate(
+                f"{time:.1f}", (time, rung), (0, 6), textcoords="offset points", ha="center"
+            )
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 12), xlabel="mean time to a near goal [s], 500 walks a point")
+    axes.legend(loc="lower center")
     return figure
 
 
