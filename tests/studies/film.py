@@ -2,7 +2,8 @@
 
     python tests/studies/film.py --mujoco [--policy FILE] [--out FOLDER]
 
-Draws the pictures that explain the stages (PICTURES), and writes two films. In animation.gif the robot
+Draws README's pictures (PICTURES), and writes two films. (The pictures of lessons 3 and 5, clock.png,
+walks.png and landscape.png, were drawn by the film.py of commit b097353.) In animation.gif the robot
 walks to three goals, and is pushed on the way. In learning.gif the robot walks to one goal with three
 policies, twice as fast as it is. Two of them are from the beginning of a training
 (results/mujoco/film/), the last one is the shipped policy.
@@ -106,64 +107,7 @@ def double_step(sim):
     return figure
 
 
-def clock(sim):
-    """What happens when within a double step."""
-    robot, p = robot_model.ROBOT, walk_engine.TUNED[sim]
-    half = p.step_ticks * robot.control_dt  # [s]
-    figure, axes = common.subplots(figsize=(9, 3))
-    for side, color in enumerate(robot_model.COLORS):
-        axes.barh(-side, 2 * half, color=color, alpha=0.25)
-        swing = (1 - p.double_support) * half
-        axes.barh(-side, swing, left=(side + 1) * half - swing, color=color)
-        axes.text((side + 0.5) * half, -side, "swings", ha="center", va="center")
-        axes.text((1.5 - side) * half, -side, "stands", ha="center", va="center")
-    axes.plot([0, 2 * half], [1, 1], "kv")
-    axes.text(0.01, 1, "the planner gets the goal, and chooses two footsteps", va="center")
-    for row, dt in (-2, robot.control_dt), (-3, robot.control_dt / robot.substeps):
-        axes.eventplot(np.arange(0, 2 * half, dt), lineoffsets=row, linelengths=0.6, lw=1)
-        axes.text(2 * half + 0.01, row, f"every {1000 * dt:.0f} ms", va="center")
-    rows = "planner", "left foot", "right foot", "IMU, joint targets", "physics"
-    axes.set_yticks(range(1, -4, -1), rows)
-    axes.set(xlabel="time in a double step [s]", xlim=(-0.02, 2 * half + 0.11))
-    axes.grid(False)
-    return figure
-
-
-def walks(sim):
-    """Four walks of eight double steps, from above."""
-    plans = [[footsteps] * 8 for footsteps in walk_engine.WALKS.values()]  # [4, 8, 2, 3]
-    poses, commanded, _ = walk_engine.walk_plans(sim, walk_engine.TUNED[sim], plans)
-    figure, axes = common.subplots(figsize=(9, 3.6))
-    axes.plot(*commanded[:, 1:, :2].reshape(-1, 2).T, "k+")
-    for name, (x, y, _) in zip(walk_engine.WALKS, poses.swapaxes(1, 2)):
-        (line,) = axes.plot(x, y, ".-")
-        axes.text(x[-1], y[-1] + 0.06, name, color=line.get_color(), ha="center")
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.margins(0.16)  # the names need it
-    return figure
-
-
-def landscape(sim):
-    """What the rewards for progress add up to, from a place to the goal."""
-    task = env.Task()
-    x, y = np.meshgrid(np.linspace(-1.5, 1.5, 151), np.linspace(-1.2, 1.2, 121))
-    figure, panels = common.subplots(1, 2, figsize=(9, 3.8), sharey=True)
-    for axes, yaw, title in zip(panels, (0, np.pi / 2), ("as the goal does", "90° to its left")):
-        poses = np.stack([x, y, np.full_like(x, yaw)], -1).reshape(-1, 3)
-        goal = robot_model.relative(poses, np.zeros(3))
-        height = [task.s_d, task.s_a, task.s_o] @ env.potentials(goal, task.near_m)
-        levels = np.arange(-2.2, 0.01, 0.2)
-        filled = axes.contourf(x, y, height.reshape(x.shape), levels, cmap="Purples_r")
-        axes.quiver(0, 0, 1, 0, color="magenta", scale=8)
-        axes.text(0, -0.2, "goal", color="magenta", ha="center")
-        for place in (-1.2, 0), (1.1, 0), (0, -1.0), (0, 0.9):
-            axes.quiver(*place, np.cos(yaw), np.sin(yaw), scale=12)
-        axes.set(title=f"the robot (black) faces\n{title}", xlabel="x [m]", aspect="equal")
-    figure.colorbar(filled, ax=panels, label="sum of the three potentials [1]")
-    return figure
-
-
-PICTURES = loop, planners, double_step, clock, walks, landscape
+PICTURES = loop, planners, double_step
 
 
 # ------------------------------------------------------------------------ films
