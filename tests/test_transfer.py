@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import transfer
 import walk
-from common import evaluate
+from common import evaluate, walk_engine
 
 
 @pytest.mark.shipped
@@ -31,7 +31,9 @@ def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):
     args = Namespace(sim="mujoco", robot=path, friction=None)
     world = evaluate.env.FootstepWorld(1, **evaluate.world_settings(args))
     tuned, robot = world.engine.parameters, world.engine.robot
-    measured = walk.measure("mujoco", tuned, 0, (0.7,), 8, robot, world.limits)
-    assert measured["stood"] > 0.8
+    low, high = world.limits.low, world.limits.high
+    plans = np.random.default_rng(0).uniform(low, high, (16, 8, 2, 3))
+    _, _, fall = walk_engine.walk_plans("mujoco", tuned, plans, robot=robot)
+    assert (fall == 8).mean() > 0.8, "random footsteps within its limits"
     monkeypatch.setattr(common, "cma_es", lambda costs, mean, *more: mean)
     assert walk.tune(world, 0)[0] == tuned

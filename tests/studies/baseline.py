@@ -45,11 +45,6 @@ def expert_of(settings):
     return expert.Planner(expert.Settings(top, change, *settings[6:]))
 
 
-def tuning(planner, world, seed, count):
-    """The facts of `count` near and `count` far walks of the tuning, with noise."""
-    return facts(common.near_and_far(planner, world, first=seed, per_set=count, purpose="tuning"))
-
-
 def facts(ended):
     """The numbers that count of some walks, by name."""
     row = common.row_of(ended, "")

@@ -286,13 +286,8 @@ def together(parts):
 
 def row_of(ended, name, far=False, **more):
     """A row of stage 5's table, walked with noise, with more values before it and how many walks
-    ended with a fall behind it."""
+    ended with a fall behind it; None: nothing to measure, for JSON knows no nan."""
     row = more | evaluate.summary(name, True, STD[far], ended) | {"falls": int(fell(ended).sum())}
-    return known(row)
-
-
-def known(row):
-    """The row with None for nan, where there was nothing to measure: JSON knows no nan."""
     return {key: None if value != value else value for key, value in row.items()}
 
 

@@ -11,13 +11,11 @@ its way to far goals. The trainings must be there, made by
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
 claims? Also for a simpler filter.
-pairs: times and double steps of the policy and of `baseline_tuned`, goal by goal, from
-results/<sim>/trials.csv.
 """
 
 import common
 import numpy as np
-from common import RESULTS, env, evaluate, fell, pick, robot_model, values
+from common import env, evaluate, fell, pick, robot_model, values
 
 DURATION = "on one core: 20 minutes; 3-D: 60"
 POOLED_SETS = 10  # of 500 goals
@@ -168,21 +166,11 @@ def study_estimate(args):
     return {"goals": common.PER_SET, "rows": rows}
 
 
-def study_pairs(args):
-    """How often, and by how much, the policy is faster than `baseline_tuned` to a goal."""
-    walks, rows = common.read_trials(RESULTS / args.sim / "trials.csv"), []
-    for std in common.STD.values():
-        policy, other = (walks[name, True, std] for name in ("policy", "baseline_tuned"))
-        rows.append({"goal_std_m": std, **evaluate.time_ratio(policy, other)})
-    return rows
-
-
 PARTS = {
     "distances": study_distances,
     "pooled": study_pooled,
     "seeds": study_all,
     "estimate": study_estimate,
-    "pairs": study_pairs,
 }
 
 
@@ -200,8 +188,6 @@ COLUMNS = {
     "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0, "plan": 2},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
-    "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3}
-    | dict.fromkeys(("faster", "equal", "slower"), 3),
     "estimate": {"filter": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }
