@@ -29,7 +29,7 @@ LOOP = {  # from the goal to the robot's motion: which stage does what
     "goal": "stage 3\n\nx, y, yaw\nmeasured\n5 cm, 3° off",
     "network": "stage 4\n\nchooses the\nnext two\nfootsteps",
     "walk engine": "stage 2\n\nturns them into\npaths of feet\nand trunk",
-    "joints": "stage 1\n\ninverse kinematics:\n12 angles for\n12 motors",
+    "joints": "stage 1\n\n12 angles\nby inverse\nkinematics",
     "physics": "stage 1\n\nthe robot moves,\nslips, leans,\nor falls",
 }
 
@@ -42,8 +42,8 @@ def loop(sim):
     for x, (name, what) in enumerate(LOOP.items()):
         axes.text(x, 1.7, name, weight="bold", size="large", ha="center")
         axes.text(x, 1.5, what, ha="center", va="top")
-        axes.annotate("", (x + 0.6, 1), (x + 0.4, 1), arrowprops={"arrowstyle": "->"})
-    axes.plot([x + 0.6, x + 0.6, -0.6, -0.6, -0.42], [1, -0.3, -0.3, 1, 1], "k", lw=1)
+        axes.annotate("", (x - 0.4, 1), (x - 0.6, 1), arrowprops={"arrowstyle": "->"})
+    axes.plot([x + 0.42, x + 0.6, x + 0.6, -0.6, -0.6], [1, 1, -0.3, -0.3, 1], "k", lw=1)
     period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
     below = f"where the robot is now: a decision every double step, {period:.1f} s"
     axes.text(2, -0.7, below, ha="center")
@@ -87,15 +87,17 @@ def double_step(sim):
         usual = robot_model.compose(support, engine.beside[side])
         (back, inward, _), (ahead, outward, _) = limits.low, limits.high
         corners = [[back, inward, 0], [ahead, inward, 0], [ahead, outward, 0], [back, outward, 0]]
-        seen = robot_model.compose(usual, corners * walk_engine.MIRROR[side])[:, :2]
-        axes.fill(*seen.T, fc="0.93", ec="0.6", ls="--", zorder=0)
-        axes.text(*seen[2:].mean(0), "ankle may land here", color="0.4", ha="center")
+        words = [[(back + ahead) / 2, 0.9 * outward, 0]]
+        seen = robot_model.compose(usual, (corners + words) * walk_engine.MIRROR[side])[:, :2]
+        axes.fill(*seen[:4].T, fc="0.93", ec="0.6", ls="--", zorder=0)
+        axes.text(*seen[4], "ankle may land here", color="0.4", ha="center", va="center")
         draw_sole(axes, feet[side], side, fc="none", ls=":")
         draw_sole(axes, landing, side, fc=color, alpha=0.4)
         draw_sole(axes, support, 1 - side, fc=robot_model.COLORS[1 - side], alpha=0.8)
         for end, axis in ([0.11, 0, 0], "x"), ([0, 0.11, 0], "y"):
             tip = robot_model.compose(support, np.array(end))[:2]
-            axes.annotate(axis, support[:2], tip, arrowprops={"arrowstyle": "<-"})
+            look = {"arrowprops": {"arrowstyle": "<-"}, "ha": "center", "va": "center"}
+            axes.annotate(axis, support[:2], tip, **look)
         arrow = {"arrowstyle": "->", "color": color, "connectionstyle": "arc3,rad=0.2"}
         axes.annotate("", landing[:2], feet[side][:2], arrowprops=arrow)
         axes.plot(*usual[:2], "k+", ms=10)
@@ -171,7 +173,7 @@ def main(argv=None):
     planner = common.policy(args.policy or RESULTS / args.sim / "policy.pt", args.sim)
     film = walk(axes, planner, args.sim, GOALS, "goal {} of 3; yellow: the next two footsteps")
     save(figure, film, args.out / "animation.gif")
-    figure, panels = common.subplots(1, 3, figsize=(9, 3.6))
+    figure, panels = common.subplots(1, 3, figsize=(9, 3.1))
     figure.supxlabel("2 × speed; squares of 0.25 m")
     save(figure, training(panels, args.sim), args.out / "learning.gif")
     print("Look at", args.out)

@@ -391,6 +391,7 @@ def plot_rungs(rows):
             axes.annotate(
                 f"{time:.1f}", (time, rung), (0, 6), textcoords="offset points", ha="center"
             )
+    axes.margins(y=0.1)
     axes.invert_yaxis()
     axes.set(xlim=(0, 12), xlabel="mean time to a near goal [s], 500 walks a point")
     axes.legend(loc="lower center")
