@@ -38,7 +38,8 @@ LOOP = {  # from the goal to the robot's motion: which stage does what
 def loop(sim):
     """From the goal to the robot's motion, and back."""
     figure, axes = common.subplots(figsize=(9, 2.6))
-    axes.bar(LOOP.keys(), 2, 0.84, color="0.94", ec="0.4")
+    colors = "palegreen", "plum", "khaki", "lightgray", "lightgray"
+    axes.bar(LOOP.keys(), 2, 0.84, color=colors, ec="0.4")
     for x, (name, what) in enumerate(LOOP.items()):
         axes.text(x, 1.7, name, weight="bold", size="large", ha="center")
         axes.text(x, 1.5, what, ha="center", va="top")
@@ -55,17 +56,17 @@ def loop(sim):
 def planners(sim):
     """How long the robot takes with README's planners."""
     rows = common.read_json(RESULTS / sim / "evaluation.json")["rows"]
-    figure, axes = common.subplots(figsize=(9, 3))
-    for height, name in enumerate(reversed(common.WHAT)):
-        for row, color in zip(common.pick(rows, planner=name, noise=True), ("k", "tab:purple")):
+    figure, axes = common.subplots(figsize=(9, 3.2))
+    for y, name in enumerate(common.WHAT):
+        near, far = common.pick(rows, planner=name, noise=True)
+        for row, at, color in (near, y - 0.2, "purple"), (far, y + 0.2, "plum"):
             time, bar = row["time_mean"], 1.96 * row["time_std"] / row["episodes"] ** 0.5
-            axes.errorbar(time, height, xerr=bar, fmt="o", color=color)
-            axes.text(time, height + 0.2, f"{time:.1f}", color=color, ha="center")
-    axes.text(7, height, "far goals", color=color, va="center")
-    axes.text(0.5, height, "near goals", va="center")
-    axes.set_yticks(range(height + 1), reversed(common.WHAT))
-    axes.set(xlim=(0, 20), ylim=(-0.4, height + 0.7))
-    axes.set_xlabel("mean time to the goal with noise [s]; bar: its 95 % interval, 500 walks")
+            axes.barh(at, time, 0.4, xerr=bar, color=color)
+            axes.text(time + 1, at, f"{time:.1f}", va="center")
+    axes.legend(axes.containers[1:4:2], ("near goals", "far goals"), loc="center right")
+    axes.set_yticks(range(y + 1), common.WHAT)
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 21), xlabel="mean time to the goal with noise [s]; line: its 95 % interval")
     return figure
 
 
