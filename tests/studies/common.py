@@ -375,7 +375,7 @@ def draw_search(axes, curve):
     for restart in dict.fromkeys(values(curve, "restart")):
         own = pick(curve, restart=restart)
         steps = np.array(values(own, "steps")) / 1000
-        axes.step(steps, np.minimum.accumulate(values(own, "mean")), "0.3", where="post")
+        axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
     axes.set(xlabel="double steps [thousands]", ylabel="points, the best so far [s]")
 
 

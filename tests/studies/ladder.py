@@ -386,7 +386,7 @@ def plot_rungs(rows):
     for name, look in looks.items():
         own = common.pick(rows, planner=name, noise=True, in_a_row=2)
         times, rungs = values(own, "time_mean"), values(own, "rung")
-        axes.plot(times, rungs, look, label=name, fillstyle="none", ms=8)
+        axes.plot(times, rungs, look, label=name, fillstyle="none", ms=9, mew=2)
         for time, rung in zip(times, rungs) if name == "policy 0" else ():
             axes.annotate(
                 f"{time:.1f}", (time, rung), (0, 6), textcoords="offset points", ha="center"
