@@ -21,7 +21,7 @@ import expert
 import numpy as np
 from common import evaluate, ppo
 
-DURATION = "on one core: two hours; 3-D: three and a half hours"
+DURATION = "on one core: two hours; 3-D: six hours"
 RESTARTS, BUDGET = 3, ppo.STEPS  # searches, and the double steps of each
 PUSH = 0.4  # [m/s]
 WALKS = {0.0: 36, PUSH: 12}  # of every candidate, by push; half to near, half to far goals
