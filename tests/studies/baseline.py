@@ -21,7 +21,7 @@ import expert
 import numpy as np
 from common import evaluate, ppo
 
-DURATION = "on one core: two hours; 3-D: three and a half hours"
+DURATION = "on one core: two hours; 3-D: six hours"
 RESTARTS, BUDGET = 3, ppo.STEPS  # searches, and the double steps of each
 PUSH = 0.4  # [m/s]
 WALKS = {0.0: 36, PUSH: 12}  # of every candidate, by push; half to near, half to far goals
@@ -43,11 +43,6 @@ def expert_of(settings):
     """The expert with these settings, in the order of EXPERT."""
     top, change = tuple(settings[:3]), tuple(settings[3:6])
     return expert.Planner(expert.Settings(top, change, *settings[6:]))
-
-
-def tuning(planner, world, seed, count):
-    """The facts of `count` near and `count` far walks of the tuning, with noise."""
-    return facts(common.near_and_far(planner, world, first=seed, per_set=count, purpose="tuning"))
 
 
 def facts(ended):
@@ -102,40 +97,36 @@ def choose(rows):
 
 def searched(args, planner_of, now):
     """The whole search, from the settings on that are in use, `now`: values by name."""
-    world, start = common.world(args.sim), [*now.values()]
-    worlds = [
-        common.world(args.sim, num_robots=common.CANDIDATES * n, push=push)
-        for push, n in WALKS.items()
-    ]
-    rows, curve = [], []
-
-    def plain(x):
-        return np.exp(x).round(4).tolist()
+    world, rows, curve = common.world(args.sim), [], []
+    worlds = [common.world(args.sim, num_robots=n, push=push) for push, n in WALKS.items()]
 
     def walked(drawn, trial):
         return common.calm_and_pushed([planner_of(plain(x)) for x in drawn], worlds, trial)
 
-    def compare(name, at):
-        settings = dict(zip(now, at))
-        rows.append({"search": name, "settings": settings, **final(world, planner_of(at))})
+    def plain(x):
+        return np.exp(x).round(4).tolist()
+
+    def compare(search, settings):
+        row = {"search": search, "settings": dict(zip(now, settings))}
+        rows.append(row | final(world, planner_of(settings)))
 
     def search(restart, start, stays):
-        x, more = common.search(
-            walked, lambda ended: cost(facts(ended), stays), np.log(start), 0.2, BUDGET, restart
-        )
+        def price(ended):
+            return cost(facts(ended), stays)
+
+        x, more = common.search(walked, price, np.log(start), 0.2, BUDGET, restart)
         curve.extend(more)
         compare(restart + 1, plain(x))
 
-    compare("none", start)
+    compare("none", [*now.values()])
     for restart in range(RESTARTS):
-        search(restart, start, STAYS)
+        search(restart, [*now.values()], STAYS)
     best = min(rows, key=points)
     if not keeps(best):
         search(RESTARTS, [*best["settings"].values()], STAYS + MORE)
     rule, rows = choose(rows)
-    fits = ppo.fingerprint(world)
-    trials = 2 * SETS * common.PER_SET
-    return {"trials": trials, "rule": rule, "finalists": rows, "curve": curve, "fits": fits}
+    found = {"trials": 2 * SETS * common.PER_SET, "rule": rule, "finalists": rows, "curve": curve}
+    return found | {"fits": ppo.fingerprint(world)}
 
 
 def study_paper(args):
@@ -188,17 +179,15 @@ def table(found):
 
 def plot(found, sim):
     """Draws time over falls, without pushes and with them: what speed costs. Below: the searches."""
-    figure, (axes, below) = common.subplots(2, 2, figsize=(9, 8), sharey="row")
-    for axis, part in zip(below, ("baseline_tuned", "expert")):
+    figure, (above, below) = common.subplots(2, 2, figsize=(9, 8), sharey="row")
+    for axes, part in zip(below, ("baseline_tuned", "expert")):
         if part in found:
-            common.draw_search(axis, found[part]["curve"])
-            axis.legend(loc="upper left")
-        axis.set_title(f"search for {part}")
+            common.draw_search(axes, found[part]["curve"])
+        axes.set_title(f"search for {part}")
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
-    for axis, (key, title), most in zip(axes, titles.items(), (MAX_FALLS, MAX_PUSHED)):
-        axis.axvline(100 * most, color="0.5", ls="--", zorder=0)
-        above = {"transform": axis.get_xaxis_transform(), "va": "bottom", "ha": "center"}
-        axis.text(100 * most, 1.01, "the rule allows so many", **above)
+    for axes, (key, title), most in zip(above, titles.items(), (MAX_FALLS, MAX_PUSHED)):
+        axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
+        axes.set(xlabel=f"falls: {title}", title=f"dashed: the rule's limit, {100 * most} %")
         for part, marker in SHOWN.items():
             known = found.get(part, {"rows": []})
             for row in known.get("finalists") or known["rows"]:
@@ -206,10 +195,9 @@ def plot(found, sim):
                 fill = "full" if keeps(row) else "none"
                 look = {"color": common.COLORS[part], "fillstyle": fill, "ms": 8}
                 look |= {"ms": 14, "label": part} if row["chosen"] else {}
-                axis.plot(100 * row[key], row["time"], marker, **look)
-        axis.set(xlabel=f"falls: {title}")
-    axes[0].set_ylabel("mean time, near and far [s]")
-    axes[0].legend(loc="upper right")
+                axes.plot(100 * row[key], row["time"], marker, **look)
+    above[0].set_ylabel("mean time, near and far [s]")
+    above[0].legend(loc="upper right")
     return figure
 
 

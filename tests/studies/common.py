@@ -3,7 +3,7 @@
     python tests/studies/common.py     puts the tables of results/ into the pages that show them
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
-numbers, or a dict with `rows` and more), COLUMNS of a table for each part or `table` (Markdown of all
+numbers, or a dict with `rows` and more; some ONLY_3D), COLUMNS of a table for each part or `table` (Markdown of all
 numbers), and mostly `plot`. It writes NAME.json, NAME.md and NAME.png. A part is written as soon as
 it is finished; --only measures one part again. What the numbers say is written by hand into the
 pages; `test_numbers.py` compares its numbers.
@@ -12,10 +12,8 @@ pages; `test_numbers.py` compares its numbers.
 import itertools
 import json
 import sys
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -35,25 +33,24 @@ NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
     "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. "
-    "Large: chosen. Whoever is quicker with as few falls is farther down. Below: the searches "
-    "for both planners.",
+    "Large: chosen. Whoever is quicker with as few falls is farther down. Below each line is a "
+    "search: the least mean of a generation of 12 candidates so far.",
     "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
+    "ladder.rungs": "Each rung changes one thing, from the paper's system (above) to ours (below); a point is one "
+    "training. See on which rung the time halves, and how far `baseline` gets if it is only tuned.",
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, and "
     "where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
     "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
     "steps at once, with which the robot falls.",
-    "seeds.pairs": "A point is a goal, reached by both planners in the same world; it is moved by up "
-    "to 0.2 s, so that none hides another. Below the line the policy is quicker. See how far the points "
-    "spread: the planner that is quicker on average is not quicker everywhere.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
     "the step limits. They were chosen so that most cells inside are white; in the corners some robots "
     "fall. (The yaw is drawn to the smaller of its two limits, since both feet turn alike.)",
-    "walk.tune": "Each point: the mean of the 12 candidates of a generation, in worlds of its own. "
-    "Look at how much chance is in one generation, and whether a curve still goes down at its end.",
+    "walk.tune": "Each line is a search: the least mean of a generation of 12 candidates so far. Worlds "
+    "differ from generation to generation, so some of the gain is luck. Does a line still go down at its end?",
 }
 PER_FALL = 200  # [s] points of a contest per share of the walks
 PER_TIMEOUT = 100  # the same
@@ -79,7 +76,10 @@ def main(name, argv=None):
     only = {"choices": study.PARTS, "help": "measure this part, leave the others"}
     args = arguments(study, argv, only=only, **getattr(study, "FLAGS", {}))
     for part in [args.only] if args.only else study.PARTS:
-        publish(study, part, args)
+        if args.sim == "pymunk" and part in getattr(study, "ONLY_3D", ()):
+            print(f"{part}: only in 3-D, --mujoco")
+        else:
+            publish(study, part, args)
 
 
 def start(name):
@@ -93,23 +93,21 @@ def publish(study, part, args):
     numbers = study.PARTS[part](args)
     if numbers is None:  # it was left out, and has said why
         return
-    if isinstance(numbers, list):
-        numbers = {"rows": numbers}
+    found = {"rows": numbers} if isinstance(numbers, list) else numbers
     if part:
-        known = read_json(path) if path.is_file() else {}
-        numbers = known | {part: numbers}
-    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    robot_model.write_text(path, text)
-    found = read_json(path)  # as when it is read later: keys are texts, tuples lists
+        found = (read_json(path) if path.is_file() else {}) | {part: found}
+    found = ppo.as_json(found)
+    text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False)
+    robot_model.write_text(path, text + "\n")
     if hasattr(study, "plot") and [*study.PARTS][0] in found:  # it shows the first one
         robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
-    robot_model.write_text(path.with_suffix(".md"), tables_and_figures(study, found, path))
+    robot_model.write_text(path.with_suffix(".md"), page(study, found, path))
     print(f"\n{tables(study, found)}\nwritten to {args.out}")
 
 
-def tables_and_figures(study, found, path):
-    """Returns the page of a study: what `table` makes of its numbers, and the pictures beside them."""
-    pictures = sorted(path.parent.glob(f"{path.stem}*.[gp][in][fg]"))
+def page(study, found, path):
+    """The text of a study's page: the tables of its numbers, and the pictures beside them."""
+    pictures = sorted(path.parent.glob(f"{path.stem}*.png"))
     shown = (f"\n![{p.stem}]({p.name})\n*{CAPTIONS[p.stem]}*\n" for p in pictures)
     return "".join([tables(study, found), *shown])
 
@@ -174,30 +172,25 @@ def beside(rows, columns):
     if len(same) == len(columns):
         return rows, columns
     lines, wide = {}, {}
-    for row in rows:
-        lines.setdefault(tuple(row[key] for key in same), dict(row))
     for key, digits in columns.items():
-        if isinstance(key, str):
-            wide[key] = digits
-            continue
-        value, name = key
         for row in rows:
+            line = lines.setdefault(tuple(row[name] for name in same), dict(row))
+            if isinstance(key, str):
+                wide[key] = digits
+                continue
+            value, name = key
             kind = KINDS.get(name, {}).get(row[name], row[name])
             kind = kind if isinstance(kind, str) else f"{name} {kind}"
             column = f"{HEADS.get(value, value)}, {kind}"
             wide[column] = digits
-            line = lines[tuple(row[key] for key in same)]
             line |= {column: row[value], f"{column}_ci95": row.get(f"{value}_ci95")}
     return [*lines.values()], wide
 
 
 def sections(found, columns):
     """A heading and a table of its rows for every part that is there; columns by part."""
-    return "\n".join(
-        f"### {part}\n\n{table(*beside(found[part]['rows'], columns[part]))}"
-        for part in columns
-        if part in found
-    )
+    parts = {part: beside(found[part]["rows"], columns[part]) for part in columns if part in found}
+    return "\n".join(f"### {part}\n\n{table(*wide)}" for part, wide in parts.items())
 
 
 def cell(row, key, digits):
@@ -255,11 +248,9 @@ def trainings(sim):
     return {int(folder.name): policy(folder / "policy.pt", sim) for folder in folders}
 
 
-def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, physics=None, **settings):
-    """Returns a FootstepWorld for `walks`; physics: a class instead of that in SIMULATORS."""
-    physics = physics or robot_model.SIMULATORS[sim]
-    with mock.patch.dict(robot_model.SIMULATORS, {sim: physics}):
-        return kind(num_robots, sim, noise, **settings)
+def world(sim, kind=env.FootstepWorld, num_robots=PER_SET, noise=True, **settings):
+    """Returns a FootstepWorld for `walks`."""
+    return kind(num_robots, sim, noise, **settings)
 
 
 def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="evaluation"):
@@ -273,6 +264,14 @@ def walks(planner, world, far=False, sets=1, first=1, per_set=None, purpose="eva
         trials = evaluate.draw_trials(seed, per_set or len(world.goal), far, purpose)
         parts.append(evaluate.evaluate(planner, world, trials))
     return together(parts)
+
+
+def measured(sim, planners, far, sets, first, settings, **more):
+    """Rows of these planners, by name, in a world with these settings; more: values before theirs."""
+    one, rows = world(sim, **settings), []
+    for name, planner in planners.items():
+        rows.append(row_of(walks(planner, one, far, sets, first), name, far, **more))
+    return rows
 
 
 def near_and_far(planner, world, **more):
@@ -353,78 +352,46 @@ def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
     number `trial`; in the next one in others.
     Returns the last mean [n], and a row for each generation.
     """
-    rows = []
+    rows, taken = [], 0
 
     def costs(generation, drawn):
-        taken = rows[-1]["steps"] if rows else 0
+        nonlocal taken
         if taken >= budget:
             return None
         ends = walked(drawn, 1000 * (1 + seed) + generation)
         found = [cost(ended) for ended in ends]
-        falls = sum(int(fell(ended).sum()) for ended in ends)
         taken += sum(int(ended["steps"].sum()) for ended in ends)
         row = {"restart": seed, "steps": taken, "mean": float(np.mean(found))}
+        falls = sum(int(fell(ended).sum()) for ended in ends)
         rows.append(row | {"best": float(min(found)), "falls": falls})
-        print(*(f"{name} {value:,.6g}" for name, value in rows[-1].items()), flush=True)
+        print(rows[-1], flush=True)
         return found
 
     return cma_es(costs, mean, spread, CANDIDATES, np.random.default_rng(seed), low, high), rows
 
 
 def draw_search(axes, curve):
-    """Draws the mean points of the candidates of every generation, a line for each restart."""
+    """Draws for each restart the least mean points of a generation so far."""
     for restart in dict.fromkeys(values(curve, "restart")):
         own = pick(curve, restart=restart)
         steps = np.array(values(own, "steps")) / 1000
-        axes.plot(steps, values(own, "mean"), ".-", label=f"search {restart + 1}")
-    axes.set(xlabel="double steps [thousands]", ylabel="points, mean of a generation [s]")
-
-
-class Crowd:
-    """Several planners in one world, which is quicker than one after the other: planner k moves the
-    robots n·k to n·k + n − 1."""
-
-    def __init__(self, planners, n):
-        self.planners, self.n = planners, n
-
-    def reset(self, num_robots):
-        for planner in self.planners:
-            planner.reset(self.n)
-
-    def act(self, view):
-        actions = np.empty_like(view.last_action)
-        for k, planner in enumerate(self.planners):
-            own = view.robots // self.n == k
-            if own.any():
-                names = "robots", "goal", "observation", "last_action"
-                rows = {name: getattr(view, name)[own] for name in names}
-                rows["robots"] -= self.n * k
-                actions[own] = planner.act(replace(view, **rows))
-        return actions
-
-
-def at_once(planners, world, goals, trial):
-    """Lets each planner walk to these goals [n, 3] of a number of the tuning stream, in the same
-    random worlds. Returns a list of what `evaluate` does. The world has a robot for each of them."""
-    n, stream = len(goals), env.stream
-    trials = evaluate.Trials(np.tile(goals, (len(planners), 1)), trial, "tuning")
-    with mock.patch.object(env, "stream", lambda name, seed, i: stream(name, seed, i % n)):
-        ended = evaluate.evaluate(Crowd(planners, n), world, trials)
-    return [
-        {name: part[k : k + n] for name, part in ended.items()}
-        for k in range(0, len(trials.goals), n)
-    ]
+        axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
+    axes.set(xlabel="double steps [thousands]", ylabel="points, the best so far [s]")
 
 
 def calm_and_pushed(planners, worlds, trial):
-    """Lets each planner walk in all these worlds, half of its robots to near and half to far goals of
+    """Lets each planner walk in all these worlds, half of the robots to near and half to far goals of
     this number of the tuning stream. Returns a list of what `evaluate` does, of all together."""
-    parts = []
+    trials = []
     for one in worlds:
-        half = len(one.goal) // len(planners) // 2
+        half = len(one.goal) // 2
         goals = [evaluate.draw_trials(trial, half, far, "tuning").goals for far in STD]
-        parts.append(at_once(planners, one, np.concatenate(goals), trial))
-    return [together(ends) for ends in zip(*parts)]
+        trials.append(evaluate.Trials(np.concatenate(goals), trial, "tuning"))
+    ends = []
+    for planner in planners:
+        walked = [evaluate.evaluate(planner, one, own) for one, own in zip(worlds, trials)]
+        ends.append(together(walked))
+    return ends
 
 
 WHAT = {  # README's planners, and what they are
@@ -477,23 +444,21 @@ STUDIES = sorted({path.stem for path in RESULTS.glob("*/studies/*.json")})  # wh
 
 def pages():
     """{path: text as it should be} of the pages with tables of results/."""
-    found = {}
-    for path in RESULTS.glob("*/studies/*.json"):
-        study = import_module(path.stem)
-        found[path.with_suffix(".md")] = tables_and_figures(study, read_json(path), path)
-    rows = read_json(RESULTS / "mujoco" / "evaluation.json")["rows"]
-    steps = read_json(RESULTS / "mujoco" / "studies" / "kicks.json")["steps"]["rows"]
+    found = {
+        path.with_suffix(".md"): page(import_module(path.stem), read_json(path), path)
+        for path in RESULTS.glob("*/studies/*.json")
+    }
+    planners = planners_table(read_json(RESULTS / "mujoco/evaluation.json")["rows"])
+    steps = read_json(RESULTS / "mujoco/studies/kicks.json")["steps"]["rows"]
     marked = [
-        (ROOT / "README.md", "result", planners_table(rows)),
+        (ROOT / "README.md", "result", planners),
         (RESULTS / "README.md", "answers", import_module("kicks").answers_table(steps)),
     ]
     for path in RESULTS.glob("*/evaluation.json"):
         evaluation = read_json(path)
         tables = evaluate.table(evaluation["rows"], evaluation["ratios"])
         marked.append((path.with_name("README.md"), "evaluation", tables))
-    for page, mark, part in marked:
-        found[page] = pasted(page.read_text("utf-8"), mark, part)
-    return found
+    return found | {file: pasted(file.read_text("utf-8"), *part) for file, *part in marked}
 
 
 def main_pages():

@@ -14,13 +14,14 @@ them switched off, and with a walk that was searched for without them (`ladder.p
 
 from dataclasses import replace
 from itertools import product
+from unittest import mock
 
 import common
 import ladder
 import mujoco
 import numpy as np
 import seeds
-from common import env, evaluate, pick, robot_model
+from common import env, evaluate, pick, robot_model, walk_engine
 
 DURATION = "on one core: 15 minutes; 3-D: 40"
 SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
@@ -29,10 +30,9 @@ SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
 def study_pushes(args):
     """Rows of every planner at every Δv, on far goals."""
     planners, rows = {"policy": common.shipped(args.sim), **common.opponents(args.sim)}, []
-    for speed, (name, planner) in product(SPEEDS, planners.items()):
-        world = common.world(args.sim, push=speed)
-        ended = common.walks(planner, world, far=True, first=seeds.FIRST)
-        rows.append(common.row_of(ended, name, far=True, speed=speed))
+    for speed in SPEEDS:
+        how = True, 1, seeds.FIRST, {"push": speed}
+        rows += common.measured(args.sim, planners, *how, speed=speed)
     return rows
 
 
@@ -57,7 +57,8 @@ class Blocks(env.FootstepWorld):
 
     def __init__(self, *args, highest, **settings):
         self.highest = highest
-        super().__init__(*args, **settings)
+        with mock.patch.dict(robot_model.SIMULATORS, mujoco=BlocksSim):
+            super().__init__(*args, **settings)
 
     def reset(self, robots, *args, **more):
         super().reset(robots, *args, **more)
@@ -111,8 +112,7 @@ WORLDS = {  # settings of the world
     "exact joint zeros (σ 0.5°)": {"spread": env.Spread(zero=0.0)},
 }
 BLOCKS = {
-    f"blocks up to {height} mm": {"kind": Blocks, "physics": BlocksSim, "highest": height / 1000}
-    for height in (5, 10)
+    f"blocks up to {height} mm": {"kind": Blocks, "highest": height / 1000} for height in (5, 10)
 }
 
 
@@ -120,12 +120,11 @@ def study_worlds(args):
     """Rows of the policy in every world, and in two of them its opponents: 500 near and 1,000 far walks
     each, on seeds of `seeds.py`."""
     policy, rows = {"policy": common.shipped(args.sim)}, []
-    for title, settings in (WORLDS | (BLOCKS if args.sim == "mujoco" else {})).items():
-        world = common.world(args.sim, **settings)
+    worlds = WORLDS | (BLOCKS if args.sim == "mujoco" else {})
+    for (title, settings), far in product(worlds.items(), common.STD):
         others = common.opponents(args.sim) if title in (TRAINED, SLOW) else {}
-        for far, (name, planner) in product((False, True), (policy | others).items()):
-            ended = common.walks(planner, world, far, 1 + far, seeds.FIRST)
-            rows.append(common.row_of(ended, name, far, world=title))
+        how = far, 1 + far, seeds.FIRST, settings
+        rows += common.measured(args.sim, policy | others, *how, world=title)
     return rows
 
 
@@ -142,45 +141,40 @@ CASES = (  # push, far goals?, sets of 500 goals
     (0.0, False, 2),
     (0.0, True, 2),
 )
+UNANSWERED_FIRST = 310  # evaluation seed of `unanswered`
 
 
-def study_steps(args):
-    """Rows by push and answer; every answer is compared with all of them, walk by walk."""
-    policy, rows = common.shipped(args.sim), []
-    for push, far, sets in CASES:
-        for answer in ANSWERS if push else ("all", "reflex alone"):
-            walk = replace(common.walk_engine.TUNED[args.sim], **ANSWERS[answer])
-            world = common.world(args.sim, walk=walk, push=push)
-            ended = common.walks(policy, world, far, sets, first=seeds.FIRST)
-            if answer == "all":
-                reference = ended
-            row = {"push": push, "answer": answer}
-            row |= common.time_over("time_over_all", ended, reference)
-            row |= evaluate.mcnemar(common.fell(ended), common.fell(reference))
-            rows.append(common.row_of(ended, "policy", far, **row))
+def compared(sim, name, planner, kind, walks, case, first):
+    """Rows of a planner with these walks, each compared with the first one, walk by walk; kind: the
+    column with the names of the walks."""
+    rows, (push, far, sets) = [], case
+    for walk, parameters in walks.items():
+        world = common.world(sim, walk=parameters, push=push)
+        ended = common.walks(planner, world, far, sets, first)
+        if not rows:
+            reference = ended
+        row = {"push": push, kind: walk} | common.time_over("time_over_all", ended, reference)
+        row |= evaluate.mcnemar(common.fell(ended), common.fell(reference))
+        rows.append(common.row_of(ended, name, far, **row))
     return rows
 
 
-UNANSWERED_FIRST = 310  # evaluation seed
+def study_steps(args):
+    """Rows of the policy by push and answer; every answer is compared with all of them."""
+    planner, now, rows = common.shipped(args.sim), walk_engine.TUNED[args.sim], []
+    for case in CASES:
+        answers = ANSWERS if case[0] else ("all", "reflex alone")
+        walks = {name: replace(now, **ANSWERS[name]) for name in answers}
+        rows += compared(args.sim, "policy", planner, "answer", walks, case, seeds.FIRST)
+    return rows
 
 
 def study_unanswered(args):
-    """Rows of `baseline_tuned` by push and walk; the walks are compared one by one with those that
-    have all answers."""
-    if args.sim != "mujoco":
-        print("the walk that was searched for without answers is only in 3-D: --mujoco")
-        return None
+    """Rows of `baseline_tuned` by push and walk; each walk is compared with that with all answers."""
     planner, rows = common.opponents(args.sim)["baseline_tuned"], []
-    for push, far, sets in CASES:
-        for name, walk in ladder.WALKS.items():
-            world = common.world(args.sim, walk=walk, push=push)
-            ended = common.walks(planner, world, far, min(sets, 2), first=UNANSWERED_FIRST)
-            if name == "with answers":
-                reference = ended
-            row = {"push": push, "walk": name}
-            row |= common.time_over("time_over_all", ended, reference)
-            row |= evaluate.mcnemar(common.fell(ended), common.fell(reference))
-            rows.append(common.row_of(ended, "baseline_tuned", far, **row))
+    for push, far, _ in CASES:
+        how = "walk", ladder.WALKS, (push, far, 2), UNANSWERED_FIRST
+        rows += compared(args.sim, "baseline_tuned", planner, *how)
     return rows
 
 
@@ -190,6 +184,7 @@ PARTS = {
     "worlds": study_worlds,
     "unanswered": study_unanswered,
 }
+ONLY_3D = ("unanswered",)
 
 
 COLUMNS = {

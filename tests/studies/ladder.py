@@ -139,19 +139,16 @@ def study_without(args):
         for far in common.STD:
             walked[name, seed, far] = common.walks(planner, world, far, SETS, FIRST)
     for name, far in product(WITHOUT, common.STD):
-        own, reference = (
-            common.together([walked[kind, seed, far] for seed in SEEDS[args.sim]])
-            for kind in (name, "nothing")
-        )
-        row = common.row_of(own, name, far, without=name)
-        rows.append(row | common.time_over("time_over_all", own, reference))
-        ratios = [
-            common.time_over("", walked[name, seed, far], walked["nothing", seed, far])[""]
-            for seed in SEEDS[args.sim]
+        pairs = [
+            (walked[name, seed, far], walked["nothing", seed, far]) for seed in SEEDS[args.sim]
         ]
+        own, reference = map(common.together, zip(*pairs))
+        row = common.row_of(own, name, far, without=name)
+        row |= common.time_over("time_over_all", own, reference)
+        ratios = [common.time_over("", *pair)[""] for pair in pairs]
         if len(ratios) > 1:  # trainings are not walks: each is shown, and their mean
-            rows[-1] |= {"time_over_all": np.mean(ratios), "time_over_all_ci95": None}
-        rows[-1]["per_seed"] = ", ".join(f"{ratio:.3f}" for ratio in ratios)
+            row |= {"time_over_all": np.mean(ratios), "time_over_all_ci95": None}
+        rows.append(row | {"per_seed": ", ".join(f"{ratio:.3f}" for ratio in ratios)})
     return {"steps": STEPS[args.sim], "rows": rows}
 
 
@@ -162,8 +159,8 @@ def tuned_for(world):
     del start["share"]
 
     def walked(drawn, trial):
-        goals = evaluate.draw_trials(trial, len(world.goal) // len(drawn), purpose="tuning").goals
-        return common.at_once([baseline.tuned_of(x) for x in np.exp(drawn)], world, goals, trial)
+        goals = {"first": trial, "purpose": "tuning"}
+        return [common.walks(baseline.tuned_of(x), world, **goals) for x in np.exp(drawn)]
 
     def cost(ended):
         return baseline.cost(baseline.facts(ended) | {"still_there": 1.0})
@@ -185,9 +182,6 @@ def search_open_loop():
 def study_walk(args):
     """The walk in open loop, searched for like TUNED but without pushes, beside TUNED with its answers
     and without; in walks of their own with `baseline_tuned`, in random worlds and in the model's."""
-    if args.sim != "mujoco":
-        print("the walk in open loop is only in 3-D: --mujoco")
-        return None
     folder = common.work(args.sim, "ladder", "walk")
     searched = kept(folder / "search.json", search_open_loop)
     found = walk_engine.WalkParameters(**searched["walk"])
@@ -219,7 +213,7 @@ def judged(sim, name, make_planner, noise, in_a_row, task, **own):
 
 def tuned_there(sim, **own):
     """`baseline_tuned`, searched anew in this world."""
-    world = common.world(sim, num_robots=common.CANDIDATES * 48, **own)
+    world = common.world(sim, num_robots=48, **own)
     path = common.work(sim, "ladder", "rungs") / "tuned.json"
     return baseline.tuned_of(kept(path, tuned_for, world)["settings"])
 
@@ -244,9 +238,6 @@ def rows_of_rung(sim, k, rung, settings):
 
 def study_rungs(args):
     """Rows of every rung, or of the one that --rung names beside those that the file has."""
-    if args.sim != "mujoco":
-        print("the rungs are only in 3-D: --mujoco")
-        return None
     if args.rung not in (None, *RUNGS):
         raise robot_model.InputError(f"--rung {args.rung}: there are {', '.join(RUNGS)}")
     path, rows = args.out / "ladder.json", []
@@ -258,6 +249,7 @@ def study_rungs(args):
             rows += rows_of_rung(args.sim, k, rung, settings)
         elif "rungs" in known:
             rows += common.pick(known["rungs"]["rows"], rung=rung)
+    robot_model.save_figure(plot_rungs(rows), args.out / "ladder.rungs.png")
     return {"steps": STEPS[args.sim], "rows": rows}
 
 
@@ -303,6 +295,18 @@ PARTS = {
     "walk": study_walk,
     "rungs": study_rungs,
 }
+ONLY_3D = "walk", "rungs"
+
+
+COLUMNS = {
+    "pendulum": {"learner": 0, "return": 1, "worst": 1, "best": 1},
+    "without": {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
+    | {"time_over_all": 3, "per_seed": 0},
+    "walk": {"world": 0, "walk": 0, "episodes": 0, "falls": 0, "time_mean": 2, "points": 1},
+    "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
+    "falls on the first rung": {"how": 0, "planner": 0, "falls": 0, "falls of baseline_tuned": 0}
+    | {"only_ours": 0, "only_theirs": 0, "p": 4},
+}
 
 
 def last_returns(rows, name):
@@ -341,33 +345,20 @@ def falls_there(rows):
 
 def table(found):
     """The learners on Pendulum, what PPO needs, the walk in open loop, and the rungs."""
-    text = ""
+    found = dict(found)
     if "pendulum" in found:
-        rows = found["pendulum"]["rows"]
         lines = []
         for name in PENDULUM:
-            last = last_returns(rows, name)
+            last = last_returns(found["pendulum"]["rows"], name)
             line = {"learner": name, "return": np.mean(last), "worst": min(last), "best": max(last)}
             lines.append(line)
-        columns = {"learner": 0, "return": 1, "worst": 1, "best": 1}
-        text += f"### pendulum\n\n{common.table(lines, columns)}\n"
-    without = {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
-    columns = {
-        "without": without | {"time_over_all": 3, "per_seed": 0},
-        "walk": {"world": 0, "walk": 0, "episodes": 0, "falls": 0, "time_mean": 2, "points": 1},
-        "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
-    }
-    if "rungs" not in found:
-        return text + common.sections(found, columns)
-    rows = found["rungs"]["rows"]
-    text += common.sections(found | {"rungs": {"rows": with_means(rows)}}, columns)
-    if lines := falls_there(rows):
-        text += "\n### falls on the first rung\n\n" + common.table(
-            lines,
-            {"how": 0, "planner": 0, "falls": 0, "falls of baseline_tuned": 0}
-            | {"only_ours": 0, "only_theirs": 0, "p": 4},
-        )
-    return text
+        found["pendulum"] = {"rows": lines}
+    if "rungs" in found:
+        rows = found["rungs"]["rows"]
+        found["rungs"] = {"rows": with_means(rows)}
+        if lines := falls_there(rows):
+            found["falls on the first rung"] = {"rows": lines}
+    return common.sections(found, COLUMNS)
 
 
 def plot(found, sim):
@@ -379,6 +370,31 @@ def plot(found, sim):
         axes.text(1.01 * x[-1], y[-1], line.get_label(), color=line.get_color(), va="center")
     axes.set_xlim(0, 1.4 * x[-1])
     axes.set_title("PPO swings up a pendulum: mean of five seeds, 95 % intervals")
+    return figure
+
+
+def plot_rungs(rows):
+    """The mean times on every rung with noise, by our rule of a success; text: the first trainings."""
+    figure, axes = common.subplots(figsize=(9, 4))
+    looks = {
+        "baseline": "k|",
+        "baseline_tuned": "kD",
+        "policy 0": "mo",
+        "policy 1": "m*",
+        "policy 2": "m^",
+    }
+    for name, look in looks.items():
+        own = common.pick(rows, planner=name, noise=True, in_a_row=2)
+        times, rungs = values(own, "time_mean"), values(own, "rung")
+        axes.plot(times, rungs, look, label=name, fillstyle="none", ms=9, mew=2)
+        for time, rung in zip(times, rungs) if name == "policy 0" else ():
+            axes.annotate(
+                f"{time:.1f}", (time, rung), (0, 6), textcoords="offset points", ha="center"
+            )
+    axes.margins(y=0.1)
+    axes.invert_yaxis()
+    axes.set(xlim=(0, 12), xlabel="mean time to a near goal [s], 500 walks a point")
+    axes.legend(loc="lower center")
     return figure
 
 

@@ -12,7 +12,7 @@ curve beside ours.
 import common
 import gymnasium as gym
 import numpy as np
-from common import RESULTS, env, ppo, robot_model
+from common import RESULTS, env, ppo, robot_model, values
 
 try:
     from stable_baselines3 import PPO
@@ -45,7 +45,7 @@ class Footsteps(VecEnv):
         obs, reward, terminated, truncated, infos = self.envs.step(self.actions)
         told = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(terminated | truncated):
-            final = {key: infos["final_info"][key][i] for key in ("success", "fall", "time")}
+            final = {key: infos["final_info"][key][i] for key in ("success", "time")}
             last = {"terminal_observation": infos["final_obs"][i]}
             told[i] = last | final | {"TimeLimit.truncated": truncated[i] and not terminated[i]}
         return obs, reward.astype(np.float32), terminated | truncated, told
@@ -63,22 +63,19 @@ class Footsteps(VecEnv):
 
 
 class Log(BaseCallback):
-    """How the episodes of every rollout ended: rows as in learning_curve.csv."""
+    """How long the walks of every rollout took that arrived: rows as in learning_curve.csv."""
 
     def _on_training_start(self):
-        self.rows, self.ended = [], []
+        self.rows, self.times = [], []
 
     def _on_step(self):
-        self.ended += [info for info in self.locals["infos"] if info]
+        self.times += [info["time"] for info in self.locals["infos"] if info and info["success"]]
         return True
 
     def _on_rollout_end(self):
-        times = [info["time"] for info in self.ended if info["success"]]
-        row = {"steps": self.num_timesteps, "time": np.mean(times) if times else None}
-        for key in "success", "fall":
-            row[key] = np.mean([info[key] for info in self.ended]) if self.ended else None
-        self.rows.append(row)
-        self.ended = []
+        time = np.mean(self.times) if self.times else None
+        self.rows.append({"steps": self.num_timesteps, "time": time})
+        self.times = []
 
 
 class Planner:
@@ -127,15 +124,9 @@ def train(sim, seed, steps):
 def study_training(args):
     """Rows of both policies, and the log of the other training."""
     model, log = train(args.sim, args.seed, ppo.STEPS)
-    rows = []
-    for name, planner in (
-        ("Stable-Baselines3", Planner(model)),
-        ("ours", common.shipped(args.sim)),
-    ):
-        for far in common.STD:
-            ended = common.walks(planner, common.world(args.sim), far, first=140)
-            rows.append(common.row_of(ended, name, far))
-    return {"rows": rows, "log": ppo.as_json(log)}
+    planners = {"Stable-Baselines3": Planner(model), "ours": common.shipped(args.sim)}
+    near, far = (common.measured(args.sim, planners, far, 1, 140, {}) for far in common.STD)
+    return {"rows": near + far, "log": log}
 
 
 PARTS = {"training": study_training}
@@ -143,24 +134,18 @@ COLUMNS = {"training": {"planner": 0, "goal_std_m": 1, "success": 4, "fall": 4, 
 
 
 def plot(found, sim):
-    """How the time to the goal falls, and how often the robot arrives."""
+    """How the time to the goal falls."""
     ours = np.genfromtxt(RESULTS / sim / "learning_curve.csv", delimiter=",", names=True)
-    figure, panels = common.subplots(1, 2, figsize=(9, 3.6))
-    for panel, name in zip(panels, ("time", "success")):
-        log = {key: [row[key] for row in found["training"]["log"]] for key in ("steps", name)}
-        for label, color, curve in (
-            ("ours", "tab:purple", ours),
-            ("Stable-Baselines3", "tab:green", log),
-        ):
-            steps, values = (np.array(curve[key], float) for key in ("steps", name))  # None: nan
-            panel.plot(steps / 1000, values, color=color, label=label)
-        panel.set(xlabel="double steps [thousands]")
-    panels[0].set(ylabel="time to the goal [s]", yscale="log")
-    panels[0].set_yticks(TICKS, TICKS)
-    panels[0].minorticks_off()
-    panels[1].set(ylabel="share of walks that arrive [1]")
-    panels[1].legend(loc="lower right")
-    figure.suptitle(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
+    log = found["training"]["log"]
+    theirs = {key: np.array(values(log, key), float) for key in ("steps", "time")}  # None: nan
+    figure, axes = common.subplots(figsize=(8, 4))
+    for name, curve in {"ours": ours, "Stable-Baselines3": theirs}.items():
+        axes.plot(curve["steps"] / 1000, curve["time"], label=name)
+    axes.set(xlabel="double steps [thousands]", ylabel="time to the goal [s]", yscale="log")
+    axes.set_yticks(TICKS, TICKS)
+    axes.minorticks_off()
+    axes.set_title(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
+    axes.legend(loc="upper right")
     return figure
 
 

@@ -34,6 +34,9 @@ def draw_scene(axes, world, feet, torso, joints, chosen):
     axes.clear()
     robot_model.draw_ground(axes, camera, 4)
     env.draw_way(axes, world, world.goal[0], feet, camera)
+    x, y, _ = world.goal[0]
+    pole = camera[1:] @ [[x, x], [y, y], [0, 0.4]]  # [m], so that nobody overlooks the goal
+    axes.plot(*pole, "s-", color="magenta", lw=3, markevery=[1], ms=12, zorder=0.6)
     for side, color in enumerate(robot_model.COLORS):
         outline = env.sole(robot, side)
         env.draw_shape(axes, chosen[side], outline, camera, ec=color, fc="yellow")
@@ -66,7 +69,7 @@ def pictures(axes, world, planner, feet, push, name, window=(-1.7, 1.7, -1, 1.6)
             style = {"color": "tab:red"}
             axes.annotate(text, torso_at, torso_at - arrow, arrowprops=style, **style)
         seconds = (began + tick) * engine.robot.control_dt
-        axes.set_title(f"{name}, {seconds:.1f} s", parse_math=False)
+        axes.set_title(f"{name}\n{seconds:.1f} s", parse_math=False)
         axes.axis(window)
         yield result
 

@@ -192,8 +192,9 @@ def study(args):
     tried, world = [], common.world(args.sim)
     maps = {factor: make_map(args.sim, factor) for factor in FACTORS}
     for factor, change in product(FACTORS, CHANGES):
-        facts = baseline.tuning(Planner((*maps[factor], change)), world, 1, WALKS)
-        tried.append({"factor": factor, "change": change, **facts})
+        planner = Planner((*maps[factor], change))
+        ended = common.near_and_far(planner, world, per_set=WALKS, purpose="tuning")
+        tried.append({"factor": factor, "change": change, **baseline.facts(ended)})
     # The planner aims at the edge of the tolerance; leaving it again costs nothing here.
     best = min(tried, key=lambda row: baseline.cost(row | {"still_there": 1.0}))
     known = *maps[best["factor"]], best["change"]

@@ -11,13 +11,11 @@ its way to far goals. The trainings must be there, made by
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
 claims? Also for a simpler filter.
-pairs: times and double steps of the policy and of `baseline_tuned`, goal by goal, from
-results/<sim>/trials.csv. Writes seeds.pairs.png.
 """
 
 import common
 import numpy as np
-from common import RESULTS, env, evaluate, fell, pick, robot_model, values
+from common import env, evaluate, fell, pick, robot_model, values
 
 DURATION = "on one core: 20 minutes; 3-D: 60"
 POOLED_SETS = 10  # of 500 goals
@@ -33,19 +31,17 @@ EXACT = "policy, without noise"
 def over_trainings(ours, theirs):
     """The mean time of several policies over that of another planner, and its 95 % interval if both
     goals and trainings are resampled. theirs: as `evaluate` returns; ours: a list of such."""
-    arrived = np.stack([one["outcome"] == "success" for one in (theirs, *ours)])  # [1 + S, n]
-    times = np.stack([one["time"] for one in (theirs, *ours)])
-    both = arrived[:1] & arrived[1:]  # [S, n]
-    time = np.stack([both * times[1:], both * times[:1]])  # [2, S, n]
-    rng, (_, policies, goals) = np.random.default_rng(0), time.shape
+    both = np.stack([one["outcome"] == "success" for one in ours]) & (
+        theirs["outcome"] == "success"
+    )
+    times = np.stack([one["time"] for one in ours])
+    above, below = both * times, both * theirs["time"]  # [S, n]
+    rng, (policies, goals) = np.random.default_rng(0), both.shape
     # How often a policy, and a goal, is in each of 2,000 choices with replacement
     policy, goal = (rng.multinomial(k, np.full(k, 1 / k), 2000) for k in (policies, goals))
-    above, below = ((policy @ one * goal).sum(1) for one in time)
-    above_all, below_all = time.sum((1, 2))
-    return {
-        "ratio": above_all / below_all,
-        "ratio_ci95": [*np.percentile(above / below, [2.5, 97.5])],
-    }
+    ratios = (policy @ above * goal).sum(1) / (policy @ below * goal).sum(1)
+    interval = np.percentile(ratios, [2.5, 97.5])
+    return {"ratio": above.sum() / below.sum(), "ratio_ci95": [*interval]}
 
 
 def walked(sim, policies, sets, opponents, first=POOLED_FIRST, kinds=KINDS, **settings):
@@ -102,14 +98,12 @@ def study_distances(args):
     plan = turn_walk_turn(goals, world)
     for name, planner in planners.items():
         world.noise = name != EXACT
-        ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, FIRST))
-        reached, falls[name] = ended["outcome"] == "success", fell(ended)[far >= FAR]
+        ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, FIRST)) | {"plan": plan}
+        falls[name] = fell(ended)[far >= FAR]
         for distance in DISTANCES:
-            here = far == distance
-            own = {key: value[here] for key, value in ended.items()}
+            own = {key: value[far == distance] for key, value in ended.items()}
             row = common.row_of(own, name, distance=distance)
-            row["plan"] = plan[here & reached].mean()
-            rows.append(row)
+            rows.append(row | {"plan": own["plan"][own["outcome"] == "success"].mean()})
     more = evaluate.mcnemar(falls["policy"], falls["expert"])
     return {"goals": GOALS, "rows": rows, "falls": {"walks": len(falls["policy"]), **more}}
 
@@ -172,42 +166,11 @@ def study_estimate(args):
     return {"goals": common.PER_SET, "rows": rows}
 
 
-def study_pairs(args):
-    """How often, and by how much, the policy is faster than `baseline_tuned` to a goal; a figure."""
-    walks = common.read_trials(RESULTS / args.sim / "trials.csv")
-    figure, panels = common.subplots(1, 2, figsize=(9, 5))
-    rows = []
-    for panel, (far, std) in zip(panels, common.STD.items()):
-        policy, other = (walks[name, True, std] for name in ("policy", "baseline_tuned"))
-        ratio = evaluate.time_ratio(policy, other)
-        rows.append({"goal_std_m": std, **ratio})
-        shares = [round(100 * ratio[key]) for key in ("faster", "equal", "slower")]
-        both = (policy["outcome"] == "success") & (other["outcome"] == "success")
-        times = np.stack([other["time"][both], policy["time"][both]])  # [s]
-        # They are whole double steps: a small random shift parts points of the same place.
-        shift = np.random.default_rng(0).uniform(-0.2, 0.2, times.shape)
-        panel.plot(*times + shift, ".", ms=4, color=common.COLORS["policy"])
-        most = times.max() + 0.5
-        panel.plot([0, most], [0, most], "0.5", lw=1)
-        panel.set(
-            xlim=(0, most),
-            ylim=(0, most),
-            aspect="equal",
-            xlabel="time of baseline_tuned [s]",
-            ylabel="time of the policy [s]",
-            title=f"{ratio['goals']} {'far' if far else 'near'} goals: with the policy fewer double steps\n"
-            "to {} %, as many to {} %, more to {} %".format(*shares),
-        )
-    robot_model.save_figure(figure, args.out / "seeds.pairs.png")
-    return rows
-
-
 PARTS = {
     "distances": study_distances,
     "pooled": study_pooled,
     "seeds": study_all,
     "estimate": study_estimate,
-    "pairs": study_pairs,
 }
 
 
@@ -225,8 +188,6 @@ COLUMNS = {
     "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0, "plan": 2},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
-    "pairs": {"goal_std_m": 1, "goals": 0, "time_ratio": 3}
-    | dict.fromkeys(("faster", "equal", "slower"), 3),
     "estimate": {"filter": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }
@@ -237,16 +198,16 @@ def plot(found, sim):
     rows, goals = found["distances"]["rows"], found["distances"]["goals"]
     figure, axes = common.subplots(figsize=(9, 4.5))
     policy = np.array(values(rows, "time_mean", planner="policy"))
+    curves = {}
     for name in dict.fromkeys(values(rows, "planner")):
         own = pick(rows, planner=name)
-        later = np.array(values(own, "time_mean")) - policy
         bars = 1.96 * np.array(values(own, "time_std")) / goals**0.5
-        color = common.COLORS.get(name, "tab:pink")
-        axes.errorbar(DISTANCES, later, bars, fmt="o-", color=color)
+        curves[name] = values(own, "time_mean") - policy, bars
+    curves["a plan: turn, walk, turn"] = values(own, "plan") - policy, None
+    for name, (later, bars) in curves.items():
+        color = common.COLORS.get(name, "0.5" if bars is None else "tab:pink")
+        axes.errorbar(DISTANCES, later, bars, marker="o", color=color)
         axes.text(DISTANCES[-1] + 0.1, later[-1], name, color=color, va="center")
-    plan = np.array(values(own, "plan")) - policy
-    axes.plot(DISTANCES, plan, color="0.5")
-    axes.text(DISTANCES[-1] + 0.1, plan[-1], "a plan: turn, walk, turn", color="0.5", va="center")
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
     axes.set_xlim(-0.1, 8.2)
     return figure

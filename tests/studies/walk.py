@@ -11,13 +11,12 @@ map is eight walks. The searches print lines for TUNED, or for WALK of the file.
 
 from dataclasses import replace
 from importlib import import_module
-from itertools import product
 from pathlib import Path
 
 import baseline
 import common
 import numpy as np
-from common import env, evaluate, robot_model, values, walk_engine
+from common import env, evaluate, robot_model, walk_engine
 from tqdm import tqdm
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
@@ -44,17 +43,16 @@ def speed_plans():
     return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
 
 
-def random_robots(rng, count, robot=OURS):
+def random_robots(rng, count):
     """Bodies, and `disturb` of `walk_plans`, as in stage 3: noise of the IMU at every tick."""
-    task = env.Task()
-    std = np.repeat([task.imu_rad, task.imu_rad_s], 2)
+    std = np.repeat([env.Task.imu_rad, env.Task.imu_rad_s], 2)
 
     def disturb(k, disturbance, robots):
         # Drawn for all robots: so nobody's errors depend on who has fallen.
         shape = count, *disturbance.imu.shape[1:]
         disturbance.imu[:] = rng.normal(0, std, shape)[robots]
 
-    return env.Spread().draw(rng.spawn(count), robot), disturb
+    return env.Spread().draw(rng.spawn(count), OURS), disturb
 
 
 def highest_speed(poses, fall, period):
@@ -82,12 +80,11 @@ def soles(robot, torso, joints):
     """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
     points, turns = robot_model.link_frames(robot, torso, joints)
     ankle, up = points[..., [4, 8], :], turns[..., [4, 8], 2, :]  # up: third row of a foot's R
-    ends = -robot.foot_back, robot.foot_front
-    sides = robot.foot_outward + np.array([-0.5, 0.5]) * robot.foot_width
-    left = np.array([*product(ends, sides, [-robot.ankle_height])])  # corners [4, 3]
-    corners = np.stack([left, left * [1, -1, 1]])  # [2, 4, 3] seen from the ankles
-    heights = corners @ up[..., None]  # [..., 2, 4, 1]
-    return ankle, ankle[..., 2] + heights[..., 0].min(-1)
+    outlines = np.array(
+        [env.sole(robot, side) for side in (0, 1)]
+    )  # [2, 4, 2] seen from the ankles
+    corners = np.insert(outlines, 2, -robot.ankle_height, -1)  # [2, 4, 3]
+    return ankle, ankle[..., 2] + (corners @ up[..., None])[..., 0].min(-1)
 
 
 def clearance_and_slip(engine, motion):
@@ -104,14 +101,14 @@ def clearance_and_slip(engine, motion):
     #            |  both  |     swing      |
     wait = round(engine.parameters.double_support * step_ticks)
     swing = step_ticks - wait
-    middle = slice(round(0.3 * swing) - 1, round(0.7 * swing))
     clearance, slip = [], []
-    for foot, lift_off in ((robot_model.LEFT, wait), (robot_model.RIGHT, step_ticks + wait)):
+    for foot in (robot_model.LEFT, robot_model.RIGHT):
         # A motion has no state before its first tick: index i is what tick i + 1 left behind.
-        ticks = slice(lift_off, lift_off + swing)  # after the first tick of the swing to the last
-        clearance.append(low[:, ticks, foot][:, middle].min(1))
-        support = ankle[:, ticks, 1 - foot, :2]  # [n, swing, 2] where the other foot is
-        slip.append(np.hypot(*(support[:, -1] - support[:, 0]).T))
+        first = foot * step_ticks + wait
+        middle = slice(first + round(0.3 * swing) - 1, first + round(0.7 * swing))
+        clearance.append(low[:, middle, foot].min(1))
+        begin, end = (ankle[:, tick, 1 - foot, :2] for tick in (first, first + swing - 1))
+        slip.append(np.hypot(*(end - begin).T))
     return np.concatenate(clearance), np.concatenate(slip)
 
 
@@ -146,59 +143,34 @@ def measure_drift(sim):
     return off_plan(robot_model.relative(trunk[:, :-1], trunk[:, 1:])[stood], poses[stood])
 
 
-def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS, robot=OURS, limits=None):
+def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     """How well robots with random bodies walk on random floors; a dict of plain numbers.
 
-    speeds: per μ of frictions, by direction [m/s, rad/s]; tracking: per μ and direction, too, walked ÷
-    commanded, mean of steps of a quarter and of half the largest size; stood: share of `count` robots
-    that walked a random plan without a fall; steps: share of the double steps of these plans before
-    a fall; clearance: median and 5th percentile, and slip: median, of `clearance_and_slip` over all
-    walks [m].
+    speeds: per μ of frictions, by direction [m/s, rad/s]; stood: share of `count` robots that walked a
+    random plan without a fall; clearance: median and 5th percentile, and slip: median,
+    of `clearance_and_slip` over all walks [m].
     """
-    rng, limits = np.random.default_rng(seed), limits or env.LIMITS[sim]
-    size = robot.thigh_length / OURS.thigh_length
-    straight = speed_plans() * [size, size, 1]
+    rng, limits = np.random.default_rng(seed), env.LIMITS[sim]
+    straight = speed_plans()
     random = rng.uniform(limits.low, limits.high, (count, len(PATTERN), 2, 3))
     plans = np.concatenate([*[straight] * len(frictions), random])
-    body, gyros = random_robots(rng, len(plans), robot)
+    body, gyros = random_robots(rng, len(plans))
     body.friction[:-count] = np.repeat(frictions, len(straight))
     feet = []
 
     def watch(engine, plan, motion):
         feet.append(clearance_and_slip(engine, motion))
 
-    poses, wanted, fall = walk_engine.walk_plans(
-        sim, parameters, plans, body, gyros, watch, robot=robot
-    )
+    poses, _, fall = walk_engine.walk_plans(sim, parameters, plans, body, gyros, watch)
     clearance, slip = map(np.concatenate, zip(*feet))
-    period, speeds, tracking = walk_engine.WalkEngine(1, parameters, robot).period, [], []
-    for rows in np.arange(len(plans) - count).reshape(-1, len(straight)):  # of each μ
-        speeds.append(highest_speed(poses[rows], fall[rows], period))
-        tracking.append({})
-        for (name, (_, axis, _)), own in zip(DIRECTIONS.items(), rows.reshape(-1, LEVELS)):
-            levels = own[[LEVELS // 4 - 1, LEVELS // 2 - 1]]
-            tracking[-1][name] = np.mean(poses[levels, -1, axis] / wanted[levels, -1, axis])
-    random_falls = fall[-count:]
+    period = walk_engine.WalkEngine(1, parameters).period
+    at_mu = np.arange(len(plans) - count).reshape(-1, len(straight))  # the rows of each μ
     return {
-        "speeds": speeds,
-        "tracking": tracking,
-        "stood": np.mean(random_falls == len(PATTERN)),
-        "steps": np.mean(random_falls) / len(PATTERN),
+        "speeds": [highest_speed(poses[rows], fall[rows], period) for rows in at_mu],
+        "stood": np.mean(fall[-count:] == len(PATTERN)),
         "clearance": np.percentile(clearance, [50, 5]).tolist(),
         "slip": np.median(slip),
     }
-
-
-def in_words(measured):
-    """The worst and the typical of `measure` in a line."""
-    worst = (f"{k} {min(values(measured['speeds'], k)):.2f}" for k in DIRECTIONS)
-    ratios = [ratio for at in measured["tracking"] for ratio in at.values()]
-    clear = " / ".join(f"{1000 * value:.1f}" for value in measured["clearance"])
-    return (
-        f"{', '.join(worst)} (worst μ)  |  walked ÷ commanded {min(ratios):.2f} to "
-        f"{max(ratios):.2f}  |  random plans standing {measured['stood']:.2f}  |  clearance "
-        f"{clear} mm (median / 5 %)  |  slip {1000 * measured['slip']:.1f} mm"
-    )
 
 
 SEARCH = {  # tuned parameters and their ranges, of our robot; our choice
@@ -257,12 +229,11 @@ def tune(world, seed, fixed=(), **how):
     mean = np.array([getattr(start, name) for name in names], float)
     # Another robot's lengths differ in proportion to its size; its own walk is always in the range.
     size = [robot.thigh_length / OURS.thigh_length if name in LENGTHS else 1 for name in names]
-    low, high = (np.array([SEARCH[name] for name in names]) * np.array(size)[:, None]).T
+    low, high = np.array([SEARCH[name] for name in names]).T * size
     low, high = np.minimum(low, mean), np.maximum(high, mean)
 
     def changed(x):
-        found = dict(zip(names, x.round(4).tolist()))
-        new = replace(start, **found)
+        new = replace(start, **dict(zip(names, x.round(4).tolist())))
         new = replace(new, step_ticks=round(new.step_ticks))
         share = start.trunk_swing * sway(new, robot) / sway(start, robot)
         return replace(new, trunk_swing=round(float(share), 4))
@@ -344,46 +315,52 @@ def study_tune(args):
         curve += more
     for k, parameters in enumerate(ends):
         ended = walked(world, parameters, 1, FRESH)
-        row = {
-            "search": k or "none",
-            "points": points(ended),
-            "falls": int(common.fell(ended).sum()),
-        }
+        row = {"search": k or "none", "points": points(ended)}
+        row["falls"] = int(common.fell(ended).sum())
         print(f"{row['points']:.2f} points, {row['falls']} falls of {4 * FRESH:,}: {parameters}")
         rows.append(row | vars(parameters))
-    if not args.robot:
-        robot_model.save_figure(plot_tune(curve), args.out / "walk.tune.png")
+    if args.robot:
+        return None
+    figure, axes = common.subplots(figsize=(8, 4))
+    common.draw_search(axes, curve)
+    axes.set_title("Three searches for the walk")
+    robot_model.save_figure(figure, args.out / "walk.tune.png")
     return {"rows": rows, "curve": curve}
 
 
-def plot_tune(curve):
-    """What the searches for the walk find."""
-    figure, axes = common.subplots(figsize=(8, 4))
-    common.draw_search(axes, curve)
-    axes.legend(loc="upper right")
-    axes.set_title("The walk is searched for: points of baseline_tuned, half of its walks pushed")
-    return figure
+def study_speeds(args):
+    """Prints speeds, how random plans end, the feet, and what the filter should expect."""
+    measured = measure(args.sim, walk_engine.TUNED[args.sim], 1000 + args.seed)
+    rows = [{"μ": mu, **speeds} for mu, speeds in zip(FRICTION, measured["speeds"])]
+    print(
+        "Fastest with random bodies [m/s, rad/s]:",
+        common.table(rows, dict.fromkeys(rows[0], 2)),
+        sep="\n",
+    )
+    print(f"random plans standing {measured['stood']:.2f}")
+    feet = 1000 * np.array([*measured["clearance"], measured["slip"]])
+    print("clearance (median, 5 %), slip [mm]:", feet.round(1))
+    for name, off in zip(("mean", "DRIFT"), measure_drift(args.sim)):
+        print(f"walked − planned [m, m, rad], {name}:", off.round(4))
 
 
-PARTS = {"limits": study_limits, "tune": study_tune}
+PARTS = {"limits": study_limits, "tune": study_tune, "speeds": study_speeds}
 
 
 def table(found):
     """What --limits and --tune have found."""
-    text = ""
+    rows = [{"map": title, **found["limits"][title]} for title in MAPS]
+    text = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
     if "tune" in found:
-        columns = {"search": 0, "points": 2, "falls": 0} | dict.fromkeys(
-            ["trunk_swing", *SEARCH], 3
-        )
-        text = f"### tune\n\n{common.table(found['tune']['rows'], columns)}\n### limits\n\n"
-    found = found["limits"]
-    rows = [{"map": title, **found[title]} for title in MAPS]
-    clearance, lowest, slip = (1000 * value for value in (*found["clearance"], found["slip"]))
-    return text + (
-        common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
+        columns = {"search": 0, "points": 2, "falls": 0}
+        columns |= dict.fromkeys(["trunk_swing", *SEARCH], 3)
+        text = f"{common.sections(found, {'tune': columns})}\n### limits\n\n{text}"
+    feet = (1000 * value for value in (*found["limits"]["clearance"], found["limits"]["slip"]))
+    return (
+        text
         + "\nRobots that walk a random plan within the limits without a fall: "
-        f"{100 * found['stood']:.1f} % of {RANDOM:,}. Clearance of the feet: {clearance:.1f} mm "
-        f"(median), {lowest:.1f} mm (5 %). Slip of the support foot: {slip:.1f} mm.\n"
+        "{:.1f} % of {:,}. Clearance of the feet: {:.1f} mm (median), {:.1f} mm (5 %). Slip of the "
+        "support foot: {:.1f} mm.\n".format(100 * found["limits"]["stood"], RANDOM, *feet)
     )
 
 
@@ -402,29 +379,18 @@ def plot(found, sim):
     return figure
 
 
+FLAGS = {
+    "limits": {"action": "store_true", "help": "maps of falls"},
+    "tune": {"action": "store_true", "help": "optimise the walk parameters"},
+    "robot": {"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
+}
+
+
 def main(argv=None):
     study = import_module("walk")
-    args = common.arguments(
-        study,
-        argv,
-        limits={"action": "store_true", "help": "maps of falls"},
-        tune={"action": "store_true", "help": "optimise the walk parameters"},
-        robot={"type": Path, "help": "optimise the WALK of this file for its ROBOT and LIMITS"},
-    )
-    if args.robot:
-        study_tune(args)
-    elif args.tune:
-        common.publish(study, "tune", args)
-    elif args.limits:
-        common.publish(study, "limits", args)
-    else:
-        measured = measure(args.sim, walk_engine.TUNED[args.sim], 1000 + args.seed)
-        for mu, speeds, ratios in zip(FRICTION, measured["speeds"], measured["tracking"]):
-            fastest = [f"{name} {speeds[name]:.2f} ({ratios[name]:.2f})" for name in speeds]
-            print(f"μ {mu}, random bodies: fastest (and walked ÷ commanded)", ", ".join(fastest))
-        print(in_words(measured))
-        for name, off in zip(("mean", "DRIFT"), measure_drift(args.sim)):
-            print(f"walked − planned [m, m, rad], {name}:", off.round(4))
+    args = common.arguments(study, argv, **FLAGS)
+    part = "tune" if args.tune or args.robot else "limits" if args.limits else "speeds"
+    common.publish(study, part, args)
 
 
 if __name__ == "__main__":
