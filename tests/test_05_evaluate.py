@@ -578,7 +578,7 @@ LIMITS = import_module("03_env").StepLimits((-0.1, 0, -0.1), (0.1, 0.1, 0.1))
 
 @pytest.mark.parametrize("flags, mention", [
     (["--policy", "text.py"], "text.py: damaged, or not written by this 04_ppo.py"),
-    (["--policy", "other.pt"], "other.pt: trained in mujoco"),
+    (["--policy", "other.pt"], "other.pt: trained in another simulator: mujoco"),
     (["--policy", "blind.pt"], "blind.pt: (?!.*pymunk).*observ"),
     (["--policy", "pendulum.pt"], "pendulum.pt: trained in another environment"),
     (["--policy", "missing.pt"], "missing.pt: no such file"),
