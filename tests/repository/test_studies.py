@@ -26,7 +26,7 @@ from test_scripts import python
 
 torch = ppo.torch
 ROBOT = robot_model.RobotModel()
-SHORT = env.Task(time_limit=1.3)  # [s]
+SHORT = env.Task(time_limit=5.0)  # [s]
 
 
 # ------------------------------------------------------------------------ what all studies share
@@ -39,9 +39,8 @@ def test_figures_of_the_shipped_numbers_have_something_in_every_panel():
 
 def test_walks_are_those_of_stage_05_set_by_set():
     planner = evaluate.BaselinePlanner()
-    world = common.world("pymunk", task=SHORT, num_robots=3, **kicks.ground(1.2))
+    world = common.world("pymunk", task=SHORT, num_robots=3)
     both = common.walks(planner, world, sets=2, first=5)
-    equal(both["mu"], 1.2, "friction is what was asked for")
     second = evaluate.evaluate(planner, world, evaluate.draw_trials(6, 3))
     for name in second:
         equal(both[name][3:], second[name], name)
@@ -56,10 +55,12 @@ def test_planners_at_once_walk_as_each_of_them_alone():
         world = common.world("pymunk", num_robots=2 * len(some), task=SHORT)
         return common.calm_and_pushed(some, [world], 7)
 
-    for planner, found in zip(planners, walked(*planners), strict=True):
+    both = walked(*planners)
+    for planner, found in zip(planners, both, strict=True):
         (alone,) = walked(planner)
         for name in alone:
             equal(found[name], alone[name], name)
+    assert any(both[0]["time"] != both[1]["time"]), "they walk alike: the test sees nothing"
 
 
 def test_an_evolution_strategy_comes_down_a_narrow_valley_along_no_axis():
@@ -90,9 +91,9 @@ def test_a_search_ends_with_its_budget_and_a_generation_shares_its_worlds():
 def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_taken():
     names = "time", "timeout", "fall", "pushed", "still_near", "still_far"
     table = [
-        (8.0, 0.0, 0.005, 0.02, 0.93, 0.93),  # 9 points: the price of a fall is 200
-        (9.1, 0.0, 0.0, 0.0, 1.0, 1.0),
-        (7.9, 0.02, 0.0, 0.0, 1.0, 1.0),  # 9.9 points
+        (7.0, 0.008, 0.005, 0.02, 0.93, 0.93),  # 7 + 100 · 0.008 + 200 · 0.005 = 8.8 points
+        (9.0, 0.0, 0.0, 0.0, 1.0, 1.0),
+        (6.9, 0.02, 0.0, 0.0, 1.0, 1.0),
         (6.1, 0.0, 0.0, 0.0, 1.0, 0.929),  # it leaves the goal
         (6.2, 0.0, 0.0, 0.0, 0.929, 1.0),
         (5.1, 0.0, 0.0, 0.021, 1.0, 1.0),  # it falls too often
@@ -101,7 +102,7 @@ def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_ta
     ]
     rows = [dict(zip(names, row)) for row in table]
     # If nobody keeps the rule, only falls count; if everybody falls too often, all count.
-    for first, best in ((0, 8.0), (3, 6.1), (5, 5.1)):
+    for first, best in ((0, 7.0), (3, 6.1), (5, 5.1)):
         _, found = baseline.choose(rows[first:])
         assert values(found, "time", chosen=True) == [best]
 
