@@ -4,12 +4,10 @@ import io
 import multiprocessing
 import os
 import sys
-from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from unittest import mock
 
 import matplotlib
-import numpy as np
 import pytest
 from checks import IN_3D_SLOW
 from sheet import ROOT
@@ -18,17 +16,6 @@ from tqdm import tqdm
 
 env = import_module("03_env")
 robot_model = env.robot_model
-
-
-@IN_3D_SLOW
-def test_an_extreme_body_may_fall_and_nothing_else_happens(sim, capfd):
-    robot = robot_model.RobotModel(friction=0.0, torque_limit=(0.1,) * 6)
-    envs = env.FootstepVectorEnv(8, sim, noise=True, robot=robot)
-    envs.reset(seed=0)
-    for actions in np.random.default_rng(0).random((8, 8, 6)):
-        seen, reward, *_ = envs.step(actions)
-        assert np.isfinite(reward).all() and envs.observation_space.contains(seen)
-    assert capfd.readouterr() == ("", ""), "a simulator wrote to the terminal"
 
 
 IMPOSSIBLE = """
@@ -138,15 +125,3 @@ def test_a_forked_process_walks_in_3d():
     code = child.exitcode
     child.kill()
     assert code == 0, f"{code}: None means that it still waits"
-
-
-@pytest.mark.slow
-def test_stage_5_walks_in_the_thread_of_a_notebook(tmp_path, monkeypatch):
-    """exec(open("05_evaluate.py").read()) has no file, and no other process can help."""
-    policy = str(ROOT / "results" / "pymunk" / "policy.pt")
-    flags = ["--episodes", "1", "--policy", policy, "--out", str(tmp_path)]
-    monkeypatch.setattr(sys, "argv", ["05_evaluate.py", *flags])
-    code = (ROOT / "05_evaluate.py").read_text("utf-8")
-    with ThreadPoolExecutor() as pool:
-        pool.submit(exec, code, {"__name__": "__main__"}).result()
-    assert "| baseline " in (tmp_path / "table.md").read_text("utf-8")

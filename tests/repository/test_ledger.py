@@ -28,9 +28,8 @@ def exists(place, *path):
         return any(f"def test_{name}" in file.read_text("utf-8") for file in files)
     thing = import_module(STAGES.get(place, place))
     for part in path:
-        settings = getattr(thing, "__dataclass_fields__", {})
-        thing = settings.get(part) or getattr(thing, part, None)
-    return thing is not None
+        thing = getattr(thing, "__dataclass_fields__", {}).get(part) or getattr(thing, part)
+    return True
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -50,11 +50,11 @@ def test_links_of_a_page_lead_somewhere(page):
         assert link.startswith("https://") or (ROOT / page).parent.joinpath(link).exists(), link
 
 
-def test_the_planner_of_readme_gets_there(tmp_path):
-    file = tmp_path / "mine.py"
-    file.write_text(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], "utf-8")
+def test_the_planner_of_readme_gets_there():
+    names = {}
+    exec(re.search(r"```python\n(.*?)```", README, re.DOTALL)[1], names)
     world = common.world("pymunk", num_robots=6, noise=False)
-    ended = common.walks(evaluate.load_planner(file), world)
+    ended = common.walks(names["Planner"](), world)
     assert (ended["outcome"] == "success").sum() >= 5, "an example should work"
 
 
@@ -120,18 +120,16 @@ def test_lines_of_the_shipped_trials_can_be_repeated(sim, noise, far):
 
 
 @pytest.mark.shipped
-@pytest.mark.parametrize("path", [*RESULTS.rglob("policy.pt")], ids=str)
-def test_every_shipped_policy_fits_and_its_page_is_right(path, capsys):
-    sim, *folders, _ = path.relative_to(RESULTS).parts
-    evaluate.policy_planner(path, common.world(sim, num_robots=1))
+@BOTH
+def test_the_shipped_policy_fits_and_its_page_is_right(sim, capsys):
+    common.shipped(sim)
     assert "note" not in capsys.readouterr().out, "it was trained in another world than this one"
-    if not folders:
-        used = shipped(sim, "evaluation.json")["policy"]
-        assert used == [path.relative_to(ROOT).as_posix()], "another file: evaluate again"
-        _, about = common.ppo.load_policy(path)
-        words = f"{about['steps']:,} double steps, seed {about['seed']}"
-        page = path.with_name("README.md").read_text("utf-8")
-        assert words in " ".join(page.split()), words
+    path = RESULTS / sim / "policy.pt"
+    used = shipped(sim, "evaluation.json")["policy"]
+    assert used == [path.relative_to(ROOT).as_posix()], "another file: evaluate again"
+    _, about = common.ppo.load_policy(path)
+    words = f"{about['steps']:,} double steps, seed {about['seed']}"
+    assert words in " ".join(path.with_name("README.md").read_text("utf-8").split()), words
 
 
 @pytest.mark.shipped

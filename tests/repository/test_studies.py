@@ -11,7 +11,6 @@ import baseline
 import cluster
 import common
 import kicks
-import ladder
 import numpy as np
 import peers
 import play
@@ -209,16 +208,6 @@ def test_an_interval_over_trainings_is_wider_than_one_over_goals():
     close(high - low, width, "of one training the goals are left", rtol=0.2)
     found, _ = ratio(chance + 90, outcome=np.where(theirs < 6, "fall", "success"))
     close(found, (chance + 90)[theirs >= 6].mean() / theirs[theirs >= 6].mean(), "both arrived")
-
-
-def test_the_ladder_changes_one_thing_a_rung_and_ends_at_this_system():
-    settings = ladder.PAPER
-    for rung, change in ladder.RUNGS.items():
-        assert len(change) == (rung != "the paper's"), f"{rung}: one change"
-        settings = settings | change
-    assert settings.pop("model") is ppo.ActorCritic
-    ours, last = (common.world("mujoco", num_robots=1, **own) for own in ({}, settings))
-    assert ppo.fingerprint(last) == ppo.fingerprint(ours)
 
 
 @pytest.mark.slow
