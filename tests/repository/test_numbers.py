@@ -24,7 +24,7 @@ MOST = {"README.md": 77, "results/README.md": 288}  # numbers in sentences: more
 NO_SENTENCE = re.compile(r"```.*?```|^(?:    |\||#|<(?!!)).*?$", re.DOTALL | re.MULTILINE)
 NAME = re.compile(
     r"<!--.*?-->|`.*?`|\[.*?\]\(.*?\)|^\d+\. |[23]-D|95 % interval"
-    r"|(?:stage|lesson|lines?|Python|seed) [\d.]+(?:(?: to| and) [\d.]+)?"
+    r"|(?:stage|lesson|lines?|Python|MuJoCo|seed) [\d.]+(?:(?: to| and) [\d.]+)?"
 )
 NUMBER = re.compile(r"(?<!\w)−?\d+(?:,\d{3})*(?:\.\d+)?(?!\w)")
 
