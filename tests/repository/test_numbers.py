@@ -90,11 +90,10 @@ def falls(name, part, **wanted):
     return [each, [sum(own) for own in each]]
 
 
-def evaluated(sim):
-    """The mean times of stage 5's table, with noise."""
-    return values(
-        common.read_json(RESULTS / sim / "evaluation.json")["rows"], "time_mean", noise=True
-    )
+def evaluated(sim, part="rows", key="time_mean", **wanted):
+    """What the rows of stage 5's table with these values have under this key, with noise."""
+    found = common.read_json(RESULTS / sim / "evaluation.json")[part]
+    return values(found, key, noise=True, **wanted)
 
 
 def over(part):
@@ -147,6 +146,7 @@ def numbers():
         "training.steps": [1024, 25_600, policy["steps"], ladder.STEPS.values(), double_step],
         "evaluation.plane": evaluated("pymunk"),
         "evaluation.space": evaluated("mujoco"),
+        "evaluation.slower": evaluated("mujoco", "ratios", "slower", reference="baseline_tuned"),
         "walk.limits": [limits["stood"], walk.RANDOM, np.multiply(1000, limits["clearance"])],
         "walk.tune": [walk.BUDGET, 4 * walk.FRESH, rows("walk", "tune", "points falls")],
         "baseline.rule": [baseline.MAX_FALLS, baseline.MAX_PUSHED, baseline.STAYS]
@@ -169,7 +169,6 @@ def numbers():
         "seeds.trainings.falls": [
             falls("seeds", "seeds", push=0.0, planner=name) for name in ("policy", *OPPONENTS)
         ],
-        "seeds.pairs": rows("seeds", "pairs", "slower"),
         "seeds.estimate": rows("seeds", "estimate", "x_ratio y_ratio yaw_ratio"),
         "kicks.pushes": falls("kicks", "pushes", speed=0.6),
         "kicks.steps": falls("kicks", "steps", push=0.4),
