@@ -228,7 +228,7 @@ def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
 
 
 def test_the_notebook_installs_what_the_stages_need():
-    needed = (ROOT / "requirements.txt").read_text()
-    for package in re.findall(r"^\w+", needed, re.MULTILINE):
-        assert package in CELLS[0], f"{package} is in requirements.txt"
-    assert {*re.findall(r"\S+==\S+", CELLS[0])} <= {*needed.split()}, "of requirements.txt"
+    """With the versions of requirements.txt, or in the one that is there."""
+    installed = {*CELLS[0].split()}
+    for line in (ROOT / "requirements.txt").read_text().split():
+        assert {line, line.split("==")[0]} & installed, f"{line} is in requirements.txt"

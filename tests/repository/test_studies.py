@@ -192,7 +192,8 @@ def test_an_interval_over_trainings_is_wider_than_one_over_goals():
     def ratio(*ours, outcome="success"):
         walks = [{"outcome": np.broadcast_to(outcome, 400), "time": time} for time in ours]
         reference = {"outcome": np.full(400, "success"), "time": theirs}
-        return seeds.over_trainings(walks, reference).values()
+        found = seeds.over_trainings(walks, reference)
+        return found["ratio"], found["ratio_ci95"]
 
     found, interval = ratio(0.8 * theirs, theirs)
     close([found, *interval], [0.9, 0.8, 1.0], "each alone may have been made", atol=1e-6)
