@@ -149,14 +149,9 @@ def test_the_opponents_were_tuned_in_this_world_with_the_policy_s_budget(sim, pa
         assert taken >= evaluate.ppo.STEPS, "each search takes as many steps as a training"
 
 
-def test_shipped_files_show_something_and_have_a_study_and_a_page():
-    pages = " ".join((ROOT / page).read_text("utf-8") for page in PAGES)
-    for path in RESULTS.glob("*/studies/*.json"):
-        assert (ROOT / "tests" / "studies" / f"{path.stem}.py").is_file(), f"{path}: no study"
-    for path in RESULTS.rglob("*.[gp][in][fg]"):
-        assert f"{path.name})" in pages, f"{path}: no page shows it"
-        if path.suffix == ".png":
-            check_picture(path)
+def test_every_shipped_picture_shows_something():
+    for path in RESULTS.rglob("*.png"):
+        check_picture(path)
 
 
 # ------------------------------------------------------------------------ the contest

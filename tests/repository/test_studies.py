@@ -178,10 +178,8 @@ def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):
     monkeypatch.setattr(common, "walks", walks)
     monkeypatch.setattr(common, "world", mock.Mock())  # nobody walks there
     over = seeds.walked("pymunk", {0: 0, 1: 1}, 1, {"expert": "expert"})["over"]
-    assert len(over) == 3, "near, far, and far with pushes"
-    for row in over:
-        alone = [(test["only_ours"], test["only_theirs"], test["p"]) for test in row["falls"]]
-        assert alone == [(30, 0, 2 / 2**30), (5, 5, 1)]
+    alone = [values(row["falls"], key) for row in over for key in ("only_ours", "only_theirs", "p")]
+    assert alone == [[30, 5], [0, 5], [2 / 2**30, 1]] * 3, "near, far, and far with pushes"
 
 
 def test_an_interval_over_trainings_is_wider_than_one_over_goals():
