@@ -4,7 +4,6 @@ import os
 from pathlib import Path
 from unittest import mock
 
-import matplotlib.text
 import numpy as np
 import pytest
 
@@ -18,15 +17,6 @@ equal = np.testing.assert_array_equal
 def close(got, want, hint="", atol=1e-9, rtol=1e-7):
     """Arrays are alike; else numpy says after the hint where they are not."""
     np.testing.assert_allclose(got, want, rtol, atol, err_msg=hint)
-
-
-def letters_are_large(figure):
-    """No letter is smaller than 12 pixels on a page, which shows a picture 830 pixels wide at most."""
-    pixels = min(110, 830 / figure.get_figwidth())  # of an inch
-    for text in figure.findobj(matplotlib.text.Text):
-        height = text.get_fontsize() / 72 * pixels
-        hint = "draw it less wide (9 inches), or with larger letters"
-        assert height >= 12, f"{text.get_text()!r} has {height:.1f} pixels on a page: {hint}"
 
 
 def frozen(*arrays):
