@@ -68,10 +68,11 @@ ROWS = (
 BOOK = {row[0]: Exercise(*row) for row in ROWS}
 
 
-def graded_by(exercise, module, test):
-    """Does this test (names without .py and parameters) grade the exercise?"""
+def graded_by(exercise, key):
+    """Does this test, or all of this module, grade the exercise? As pytest calls it."""
     grader, *beginnings = exercise.tests
-    return module == grader and test.removeprefix("test_").startswith(tuple(beginnings))
+    module, _, test = key.partition("::test_")
+    return module.endswith(f"{grader}.py") and (not test or test.startswith(tuple(beginnings)))
 
 
 def any_console():
