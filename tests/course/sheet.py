@@ -131,6 +131,7 @@ def edition(names, out):
     for row in (BOOK[name] for name in names):
         path = out / find(row.file).relative_to(ROOT)
         path.write_text(emptied(path.read_text("utf-8-sig"), row), "utf-8", newline="\n")
+    print(f"A repository for students is in {out}")
 
 
 def main():

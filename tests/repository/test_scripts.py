@@ -300,7 +300,7 @@ def numbers(line):
     "name, commands, tolerance",
     [
         ("lean", ["01_robot_model.py", "01_robot_model.py --mujoco"], 0.0011),
-        ("reflex", [f"{PREDICT} reflex --mujoco"], 0.06),  # shares of 96, by chance and machine
+        ("reflex", [f"{PREDICT} reflex --mujoco"], 12),  # of 96
         ("sway", ["tests/course/predict.py sway --mujoco"], 0.005),
         ("capture", ["02_walk_engine.py --mujoco"], 2),  # of twelve
     ],
