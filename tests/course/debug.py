@@ -22,7 +22,7 @@ from workbook import any_console
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "course" / "bugs"  # a file of text for each
-BUGS = sorted(path.stem for path in FOLDER.iterdir())
+BUGS = sorted(path.stem for path in FOLDER.glob("*.*"))
 KEPT = {"__pycache__", "bugs", "solutions", "repository", "teaching.md"}  # not for students
 PATIENCE = 300  # [s] for a student's test
 CAUGHT = 6  # exit code of pytest -p debug, if a test fails by an assertion; pytest's own end at 5

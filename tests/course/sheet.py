@@ -8,8 +8,8 @@
 Docstrings stay, and comments on a line of their own. Only --force
 overwrites. The last line of each file tells the grader what was empty in it.
 
-With --edition the stages and studies themselves are empty there, also at --only; with --lesson N in
-the exercises of lesson N and of those behind it. The bugs are in disguise.
+With --edition the stages and studies themselves are empty there, and the bugs are in disguise. With
+--only or --lesson as well all other functions are there; see teaching.md.
 """
 
 import ast
@@ -146,8 +146,7 @@ def main():
     args = parser.parse_args()
     names, out = args.only, ROOT / "exercises"
     if args.lesson:
-        last = 10 if args.edition else args.lesson
-        names = [name for number in range(args.lesson, last + 1) for name in lesson(number)]
+        names = lesson(args.lesson)
         out /= f"lesson{args.lesson}"
     out = (args.edition or args.out or out).resolve()
     if out in [find(row.file).parent for row in BOOK.values()]:
