@@ -204,16 +204,19 @@ WORDS = (
     (
         r"(\w+Error: (?:too many values|not enough values|The truth value|"
         r"Boolean value of Tensor|operands could not|only .*array|setting an array element|"
-        r"Input must be 1- or 2-d|index \d is out of bounds for axis 0 with size \d\b).*?)\.?(\n|$)",
-        r"\1: your function gets batches [n, …]\2",
+        r"Input must be 1- or 2-d|index \d is out of bounds for axis 0 with size \d\b).*?)\.?(?:\n(?s:.*))?\Z",
+        r"\1: your function gets batches [n, …]",
     ),
     # NumPy of numbers [n] beside rows [n, 2]
     (
-        r"(ValueError: all the input array.*?)\.?(\n|$)",
-        r"\1: numbers [n] become a column by [..., None]\2",
+        r"(ValueError: all the input array.*?)\.?(?:\n(?s:.*))?\Z",
+        r"\1: numbers [n] become a column by [..., None]",
     ),
-    (r"(TypeError: .*NoneType.*?)\.?(\n|$)", r"\1: does each function return its result?\2"),
-    (r"(ZeroDivisionError.*?)\.?(\n|$)", r"\1: treat 0 apart\2"),
+    (
+        r"(TypeError: .*NoneType.*?)\.?(?:\n(?s:.*))?\Z",
+        r"\1: does each function return its result?",
+    ),
+    (r"(ZeroDivisionError.*?)\.?(?:\n(?s:.*))?\Z", r"\1: treat 0 apart"),
     # numpy writes a head line before the author's message.
     (r"(Not equal to tolerance|Arrays are not|Items are not).*\n+", ""),
 )

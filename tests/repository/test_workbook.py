@@ -43,7 +43,8 @@ def test_a_sheet_keeps_equations_says_where_to_write_and_overwrites_no_work(
     printed = capsys.readouterr().out
     for row in BOOK.values():
         text, source = (tmp_path / f"{row.file}.py").read_text("utf-8"), referee.text_of(row.name)
-        assert {*re.findall(r"(?m)^ *#.*", source)} <= {*text.splitlines()}, "equations stay"
+        kept, all_of_them = ({*re.findall(r"(?m)^ *(#.*)", code)} for code in (text, source))
+        assert all_of_them <= kept, "all comments stay, for they hold the equations"
         gaps = [k for k, line in enumerate(text.splitlines(), 1) if f': {row.name}"' in line]
         told = ", ".join(f"{row.file}.py:{k}" for k in gaps)
         assert f" {told}\n" in printed and len(gaps) == len(row.functions), row
@@ -76,7 +77,7 @@ CASES = {  # a body, and what the grader says
     "fallen": ("while True:\n    pass", "0 of 1 tests pass\n  - computes for too long"),
     "quintic": ("import os\nos._exit(0)", "0 of 1 tests pass\n  - ends Python"),
     "low_pass": ("import pytest\npytest.exit('done')", "0 of 1 tests pass\n  - ends Python"),
-    "gae": ("while(:", "0 of 1 tests pass\n  - 04_ppo.py, line "),
+    "beta_mode": ("while(:", "0 of 1 tests pass\n  - beta.py, line "),
     "encode_goal": (None, "not handed in, there is no 03_env.py"),
     "reflex": (None, "not in this sheet"),
 }  # fmt: skip
@@ -93,7 +94,7 @@ def test_what_never_ends_or_ends_python_fails_and_the_others_keep_their_grades(t
     words = grade(tmp_path / "eve", " or ".join(CASES), "--patience=1", **cold)
     for name, (_, said) in CASES.items():
         assert re.search(rf"^{name} ★+: {re.escape(said)}", words, re.MULTILINE), words
-    assert words.endswith("eve: 1 of 9 exercises solved, 1 of 14 stars\n"), words
+    assert "eve: 1 of 9 exercises solved, 1 of 12 stars\n" in words, words
     for patience in "0", "inf", "nan":
         assert "a number of seconds" in grade(tmp_path, "gae", "--patience", patience)
 
@@ -107,8 +108,8 @@ def test_the_lines_for_lecturers_collect_marks_and_say_why_there_are_none(tmp_pa
     for line in re.findall(r"^for .*$", (FOLDER / "teaching.md").read_text("utf-8"), re.MULTILINE):
         line = line.replace("python", sys.executable).replace(" tests ", f" {sheet.ROOT}/tests ")
         line = line.replace(" or swing", "")
-        found = subprocess.check_output(["bash", "-c", line], cwd=tmp_path, text=True)
-    assert found.splitlines() == [
+        done = subprocess.run(["bash", "-c", line], cwd=tmp_path, capture_output=True, text=True)
+    assert done.stdout.splitlines() == [
         "marks_ada.txt:ada: 0 of 1 exercises solved, 0 of 2 stars",
         "marks_bob.txt:quintic ★★: not handed in, there is no 02_walk_engine.py",
         "marks_bob.txt:bob: 0 of 1 exercises solved, 0 of 2 stars",

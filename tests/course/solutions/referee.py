@@ -114,7 +114,7 @@ def put(patch, name, source, mistake):
     for place in list(sys.modules.values()):
         held = getattr(place, "__dict__", {})
         if str(held.get("__file__")).startswith(str(sheet.ROOT)):  # a module of ours
-            for other in [other for other, value in held.items() if value is old]:
+            for other in [key for key, value in held.items() if value is old and key != "ours"]:
                 patch.setattr(place, other, new)
 
 

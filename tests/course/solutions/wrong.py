@@ -59,6 +59,7 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 @wrong("never shuffled", "every epoch shuffles")
 @wrong("π_old of every epoch", "π_old stay as they are given")
 def improve(model, optimizer, data, cfg):
+    from dataclasses import replace
     from unittest import mock
 
     if mistake == "gradients of any length":
