@@ -269,8 +269,7 @@ def quintic(start, end, duration):
     v = v1 - v0 - a0 * D
     a = a1 - a0
     # c₃D³ + c₄D⁴ + c₅D⁵ = p,  3c₃D² + 4c₄D³ + 5c₅D⁴ = v,  6c₃D + 12c₄D² + 20c₅D³ = a.
-    # To check this put D = 1. The rows below, halved, are the inverse of (1, 1, 1), (3, 4, 5),
-    # (6, 12, 20).
+    # With D = 1 these are three equations with the matrix (1, 1, 1), (3, 4, 5), (6, 12, 20): invert it.
     c3 = (20 * p - 8 * v * D + a * D**2) / (2 * D**3)
     c4 = (-30 * p + 14 * v * D - 2 * a * D**2) / (2 * D**4)
     c5 = (12 * p - 6 * v * D + a * D**2) / (2 * D**5)

@@ -54,7 +54,7 @@ def by_rule():
         for path in row.functions:
             node = sheet.function_in(tree, path)
             for mistake, place, source in mutants(node, row.since):
-                if place.startswith(SLOW.get(path, "")):
+                if mistake.startswith(SLOW.get(path, "")):
                     said = f"{node.name}: {mistake}, in: {place}"
                     yield Case(row.name, {node.name: source}, said, "")
 
