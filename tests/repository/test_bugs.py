@@ -39,7 +39,7 @@ def test_a_bug_is_found_in_any_layout_and_only_if_it_is_there_once():
     source = "def f(x):\n    y = g(\n        x, 1\n    )  # of g\n    return y\n"
     bad = "def f(x):\n    y = g(x, 2)\n    z = y  # of g\n    return y\n"
     assert debug.exchanged(source, "y = g(x, 1)", "y = g(x, 2)\nz = y") == bad
-    for text, count in ((bad, 0), (2 * source, 2)):
+    for text, count in ((bad, 0), ("yy = g(x, 1)", 0), (2 * source, 2)):
         with pytest.raises(ValueError, match=f"must be there once, and are {count} times:\ny = g"):
             debug.exchanged(text, "y = g(x, 1)", "")
 
