@@ -8,12 +8,12 @@ The second runs your test twice, in a copy of the repository: it must pass witho
 with it, by an assertion. Your own files stay as they are, with a bug or without one.
 """
 
-import io
+import codecs
 import os
+import re
 import subprocess
 import sys
 import tempfile
-import tokenize
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from pathlib import Path
@@ -22,40 +22,32 @@ from workbook import any_console
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "course" / "bugs"  # a file of text for each
-BUGS = sorted(path.stem for path in FOLDER.glob("*.txt"))
+BUGS = sorted(path.stem for path in FOLDER.glob("*.*"))
+KEPT = {"__pycache__", "bugs", "solutions", "repository", "teaching.md"}  # not for students
 PATIENCE = 300  # [s] for a student's test
 CAUGHT = 6  # exit code of pytest -p debug, if a test fails by an assertion; pytest's own end at 5
 
 
 def read_bug(name):
     """(the stage's file, its old text, the bug's text): the first line, those with − and with +."""
-    file, *lines = (FOLDER / f"{name}.txt").read_text("utf-8").splitlines()
+    (path,) = FOLDER.glob(f"{name}.*")
+    text = path.read_text("utf-8")
+    if path.suffix == ".rot13":  # in an edition for students, see sheet.py
+        text = codecs.decode(text, "rot13")
+    file, *lines = text.splitlines()
     old, new = ("\n".join(line[2:] for line in lines if line[0] == mark) for mark in "-+")
     return file, old, new
 
 
-def tokens(source):
-    """The tokens of Python code, without line ends, indentation and comments."""
-    found = tokenize.generate_tokens(io.StringIO(source).readline)
-    return [one for one in found if one.type != tokenize.COMMENT and one.string.strip()]
-
-
 def exchanged(source, old, new):
-    """The source with `new` in the place of `old`, whose tokens must be there once, in any layout."""
-    found = tokens(source)
-    wanted = [one.string for one in tokens(old)]
-    words = [one.string for one in found]
-    count = len(wanted)
-    places = [k for k in range(len(words)) if words[k : k + count] == wanted]
-    if len(places) != 1:
-        raise ValueError(f"these lines must be there once, and are {len(places)} times:\n{old}")
-    lines = [*io.StringIO(source)]
-    place = places[0]
-    first, left = found[place].start
-    last, right = found[place + count - 1].end
-    changed = lines[first - 1][:left] + new.replace("\n", "\n" + " " * left)
-    lines[first - 1 : last] = [changed + lines[last - 1][right:]]
-    return "".join(lines)
+    """The source with `new` in the place of `old`, which must be there once, in any layout."""
+    words = r"\s*".join(map(re.escape, re.findall(r"\w+|[^\w\s]", old)))
+    found = [*re.finditer(rf"(?<!\w){words}(?!\w)", source)]
+    if len(found) != 1:
+        raise ValueError(f"these lines must be there once, and are {len(found)} times:\n{old}")
+    before, after = source[: found[0].start()], source[found[0].end() :]
+    indent = len(before) - 1 - before.rfind("\n")
+    return before + new.replace("\n", "\n" + " " * indent) + after
 
 
 def put(name, folder, undo=False):
@@ -65,14 +57,15 @@ def put(name, folder, undo=False):
     (folder / file).write_bytes(exchanged(source, *texts[:: -1 if undo else 1]).encode("utf-8"))
 
 
-def copied(folder):
-    """The stages and what tests may import, in this folder."""
-    tests = [path for path in (ROOT / "tests").rglob("*.*") if path.is_file()]
-    for path in [*ROOT.glob("0*.py"), ROOT / ".pytest.ini", *tests]:
-        name = path.relative_to(ROOT)
-        if not {"__pycache__", "bugs"} & {*name.parts}:
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(path.read_bytes())  # without its mode: it may be read-only
+def copied(folder, *more):
+    """The stages and what tests may import, in this folder; and more, files of the repository."""
+    for pattern in ("0*.py", ".pytest.ini", "tests/**/*.*", *more):
+        for path in ROOT.glob(pattern):
+            name = path.relative_to(ROOT)
+            if path.is_file() and not KEPT & {*name.parts}:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                # Without its mode: it may be read-only
+                (folder / name).write_bytes(path.read_bytes())
 
 
 def pytest_exception_interact(node, call):
@@ -88,8 +81,9 @@ def pytest_sessionfinish(session, exitstatus):
 
 def tested(folder):
     """(exit code of pytest, what it says) for the student's test."""
-    command = "-m pytest -q -p debug -p no:cacheprovider tests/test_of_mine.py".split()
-    more = {"PYTHONIOENCODING": "utf-8", "PYTEST_ADDOPTS": ""}  # a Windows pipe has another coding
+    # Without the grader, which would import this module before pytest can
+    command = "-m pytest -q -o addopts= -p debug -p no:cacheprovider tests/test_of_mine.py".split()
+    more = {"PYTHONIOENCODING": "utf-8", "PYTEST_ADDOPTS": "", "MPLBACKEND": "Agg"}
     try:
         done = subprocess.run(
             [sys.executable, *command],
@@ -111,7 +105,7 @@ def judged(file, bug):
         folder = Path(name)
         copied(folder)
         for other in BUGS:  # any of them may be in
-            with suppress(ValueError, SyntaxError, tokenize.TokenError):
+            with suppress(ValueError):
                 put(other, folder, undo=True)
         (folder / "tests" / "test_of_mine.py").write_bytes(Path(file).read_bytes())
         code, said = tested(folder)
@@ -140,13 +134,8 @@ def main():
         if args.what in ("put", "undo"):
             put(args.bug, ROOT, undo=args.what == "undo")
             print(f"{args.bug} is {'in' if args.what == 'put' else 'out'}")
-        elif not Path(args.what).is_file():
-            parser.error(f"{args.what}: no such file")
         else:
             print(judged(args.what, args.bug))
-    except (SyntaxError, tokenize.TokenError) as error:
-        file, _, _ = read_bug(args.bug)
-        parser.error(f"{file} is no Python: {error.args[0]}")
     except ValueError:
         parser.error(f"{args.bug}: it is so already, or its lines in the stage were changed")
     except OSError as error:

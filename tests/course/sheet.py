@@ -3,18 +3,23 @@
     python tests/course/sheet.py                      all of them, into exercises/
     python tests/course/sheet.py --lesson 3           those of lesson 3, into exercises/lesson3/
     python tests/course/sheet.py --only gae quintic   only these are empty
+    python tests/course/sheet.py --edition FOLDER     a repository for students, without solutions
 
 Docstrings stay, and comments on a line of their own. Only --force
 overwrites. The last line of each file tells the grader what was empty in it.
+
+With --edition the stages and studies themselves are empty there, and the bugs are in disguise. With
+--only or --lesson as well all other functions are there; see teaching.md.
 """
 
 import ast
+import codecs
 import re
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from functools import cache
 from pathlib import Path
 
-from debug import BUGS, read_bug
+from debug import BUGS, FOLDER, copied, read_bug
 from workbook import BOOK, any_console, command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -83,6 +88,8 @@ def replaced(source, name, lines, since=""):
 
 def emptied(source, exercise):
     """The source without the exercise's solution; comments with a line of their own stay."""
+    if f'"exercise: {exercise.name}"' in source:
+        return source  # in an edition it is so already
     for name in exercise.functions:
         first, end, _ = body_of(source, name, exercise.since)
         lines = [line.strip() for line in source.splitlines()[first:end]]
@@ -105,54 +112,63 @@ def sheets(names):
 
 def noted(text):
     """The text of a file, with what lets a study run elsewhere, and with the mark for the grader."""
-    studies = (ROOT / "tests/studies").as_posix()
-    path = f'import sys\n\nsys.path.insert(1, "{studies}")  # where this is\n'
-    text = re.sub(r"^import (baseline|common)$", rf"{path}\g<0>", text, count=1, flags=re.MULTILINE)
+    studies = ascii(str(ROOT / "tests/studies"))  # whatever the folder is called
+    first = re.search(r"^import (baseline|common)$", text, re.MULTILINE)
+    if first:
+        path = f"import sys\n\nsys.path.insert(1, {studies})  # where this is\n"
+        text = text[: first.start()] + path + text[first.start() :]
     empty = dict.fromkeys(re.findall(r'"exercise: (\w+)"', text))
     return f"{text}\n{MARK} {', '.join(empty)}\n"
+
+
+def edition(names, out):
+    """Writes a repository for students, in which these exercises are empty."""
+    copied(out, "README.md", "LICENSE", "requirements.txt", ".gitignore", "results/**/*")
+    (out / FOLDER.relative_to(ROOT)).mkdir()
+    for path in FOLDER.iterdir():
+        hidden = out / path.relative_to(ROOT).with_suffix(".rot13")
+        hidden.write_text(codecs.encode(path.read_text("utf-8"), "rot13"), "utf-8")
+    for row in (BOOK[name] for name in names):
+        path = out / find(row.file).relative_to(ROOT)
+        path.write_text(emptied(path.read_text("utf-8-sig"), row), "utf-8", newline="\n")
+    print(f"A repository for students is in {out}")
 
 
 def main():
     any_console()
     parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     which = parser.add_mutually_exclusive_group()
-    which.add_argument("--only", nargs="+", metavar="NAME", help="the functions to be emptied")
-    which.add_argument("--lesson", type=int, help="those of a lesson of the course")
+    which.add_argument("--only", nargs="+", choices=BOOK, default=BOOK, metavar="NAME")
+    which.add_argument("--lesson", type=int, choices=range(1, 11), help="those of a lesson")
     parser.add_argument("--out", type=Path, metavar="FOLDER")
+    parser.add_argument("--edition", type=Path, metavar="FOLDER", help="write one for students")
     parser.add_argument("--force", action="store_true", help="overwrite what is there")
     args = parser.parse_args()
-
-    def refuse(line):
-        parser.exit(2, f"{parser.prog}: {line}\n")
-
-    names = args.only or list(BOOK)
-    out = ROOT / "exercises"
-    if args.lesson is not None:
+    names, out = args.only, ROOT / "exercises"
+    if args.lesson:
         names = lesson(args.lesson)
         out /= f"lesson{args.lesson}"
-    out = (args.out or out).resolve()
-    if not names:
-        refuse(f"the course has no lesson {args.lesson} with functions to write")
-    if unknown := [name for name in names if name not in BOOK]:
-        refuse(f"there is no exercise {', '.join(unknown)}; there are {', '.join(BOOK)}")
+    out = (args.edition or args.out or out).resolve()
     if out in [find(row.file).parent for row in BOOK.values()]:
-        refuse(f"{out} holds the solutions; take another folder")
+        parser.error(f"{out} holds the solutions; take another folder")
     for name in BUGS:
         file, _, bug = read_bug(name)
         if "".join(bug.split()) in "".join((ROOT / file).read_text("utf-8").split()):
-            refuse(f"{file} has a bug; take it out: python tests/course/debug.py undo {name}")
+            parser.error(f"{file} has a bug; take it out: python tests/course/debug.py undo {name}")
     texts = {name: noted(text) for name, text in sheets(names).items()}
     if args.force:  # only the files of the named exercises; others may be solved
         named = {f"{BOOK[name].file}.py" for name in names}
         texts = {name: texts[name] for name in texts if name in named or not (out / name).exists()}
     elif any((out / name).exists() for name in texts):
-        refuse(f"{out} holds exercises; --force overwrites them, --out FOLDER writes elsewhere")
+        parser.error(f"{out} holds exercises; --force overwrites them, --out writes elsewhere")
     try:
+        if args.edition:
+            return edition(names, out)
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8", newline="\n")
     except OSError as error:
-        refuse(f"cannot write to {out}: {error.strerror}")
+        parser.error(f"cannot write to {out}: {error.strerror}")
     for name in names:
         row = BOOK[name]
         stub = f'("exercise: {name}")'
@@ -160,7 +176,7 @@ def main():
         gaps = [f"{row.file}.py:{k}" for k, line in enumerate(lines, 1) if line.endswith(stub)]
         print(f"{name:22s}{row.stars * '★':5s}{row.minutes:4d} min  {', '.join(gaps)}")
     folder = (out.relative_to(ROOT) if out.is_relative_to(ROOT) else out).as_posix()
-    some = names if args.only or args.lesson else names[:1]
+    some = names if len(names) < len(BOOK) else ["gae"]
     graded = command(f'"{" or ".join(some)}"', f'"{folder}"')
     print(f"To be written in {out}. Graded, from {ROOT}, by\n    {graded}")
 

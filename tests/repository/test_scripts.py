@@ -91,7 +91,7 @@ def numbers(line):
     (["02_walk_engine.py"], 2, None, 0),
     (["02_walk_engine.py --mujoco"], 2, "capture", 2),  # of twelve
     (["03_env.py"], 1, None, 0),
-    (["tests/course/predict.py reflex --mujoco"], 0, "reflex", 0.06),  # shares of 96, by chance
+    (["tests/course/predict.py reflex --mujoco"], 0, "reflex", 12),  # of 96
     (["tests/course/predict.py sway --mujoco"], 0, "sway", 0.005),
     (["tests/course/predict.py circle"], 0, "circle", 0),
     (["tests/course/predict.py concentration"], 0, "concentration", 0),
@@ -225,6 +225,12 @@ def test_the_cells_of_the_notebook_run(tmp_path, monkeypatch):
         program = re.sub(r"^%run (.*)", r'stage("\1")', cell, flags=re.MULTILINE)
         exec(re.sub(r"^[!%].*", "", program, flags=re.MULTILINE), names)
     assert Path("runs/pymunk/quick/policy.pt").is_file(), "what the last cell evaluates"
+
+
+@pytest.mark.shipped
+def test_the_figures_of_the_course_are_drawn(tmp_path, monkeypatch):
+    main_of("figures.py", monkeypatch, "--out", tmp_path)
+    assert [*map(check_picture, tmp_path.glob("*.png"))], "none"
 
 
 def test_the_notebook_installs_what_the_stages_need():

@@ -19,7 +19,8 @@ ORDERED = ast.Sub, ast.Div, ast.MatMult, ast.Mod  # a − b is not b − a
 SYMMETRIC = "clip minimum maximum min max hypot multiply swapaxes".split()  # f(a, b) = f(b, a)
 SAME = "array asarray as_tensor float tuple list".split()  # f(x) holds the same numbers as x
 
-SLOW = "improve", "steps_to_go"  # they train or search: with a mistake perhaps for minutes
+# They train or search, with a mistake perhaps for ever: only the mistakes that begin like these
+SLOW = {"improve": ("left of", "without U"), "steps_to_go": ()}
 HARMLESS = {  # so many mistakes that compute the same, or that nobody should ask for
     "wrap: instead of Add": 1,  # half a turn ahead, or back
     "fallen: instead of cos": 1,  # sin 45° = cos 45°

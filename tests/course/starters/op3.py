@@ -8,11 +8,8 @@ google-deepmind/mujoco_menagerie. Links that turn together are merged. Head and 
 the torso.
 """
 
-import sys
 from importlib import import_module
-from pathlib import Path
 
-sys.path.append(str(Path(__file__).resolve().parents[3]))  # where the stages are
 robot_model, walk_engine, env = map(import_module, ("01_robot_model", "02_walk_engine", "03_env"))
 Link = robot_model.Link
 

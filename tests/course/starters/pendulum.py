@@ -69,19 +69,14 @@ def draw_learners(axes, rows):
 
 
 def plot(rows, path):
-    """Draws four columns of the log. (Only in every second update or so does an episode end.)"""
-    figure = robot_model.Figure(figsize=(9, 8))
-    panels = figure.subplot_mosaic(
-        [["return"] * 3, ["entropy", "clip_fraction", "explained_variance"]]
-    )
+    """Draws the return over time. (Only in every second update or so does an episode end.)"""
+    axes = robot_model.Figure().subplots()
     if TASK == "Pendulum-v1":
-        draw_learners(panels["return"], json.loads(LEARNERS.read_text("utf-8"))["pendulum"]["rows"])
-    for name, axes in panels.items():
-        known = [(row["steps"] / 1000, row[name]) for row in rows if np.isfinite(row[name])]
-        axes.plot(*np.transpose(known), "k.-", label="yours")
-        axes.set(title=name.replace("_", " "), xlabel="steps [thousands]")
-    panels["return"].legend(loc="upper left")
-    robot_model.save_figure(figure, path)
+        draw_learners(axes, json.loads(LEARNERS.read_text("utf-8"))["pendulum"]["rows"])
+    known = [(row["steps"] / 1000, row["return"]) for row in rows if np.isfinite(row["return"])]
+    axes.plot(*np.transpose(known), "k.-", label="yours")
+    axes.legend(loc="upper left")
+    robot_model.save_figure(axes.figure, path)
 
 
 def main(argv=None):
