@@ -395,11 +395,10 @@ def calm_and_pushed(planners, worlds, trial):
 
 
 WHAT = {  # README's planners, and what they are
-    "policy": "the network",
-    "expert": "brakes late, turns while it walks; tuned",
-    "search": "plans the fewest double steps, ignores balance",
+    "policy": "the trained network",
     "baseline_tuned": "the team's controller, tuned for this robot",
-    "baseline": "the same, with the team's settings",
+    "expert": "our best by hand: brakes late, turns as it walks",
+    "baseline": "the team's controller, with the team's settings",
 }
 
 
