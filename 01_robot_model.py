@@ -874,7 +874,7 @@ def atomic_write(path, write):
 
 def write_text(path, text):
     """Writes UTF-8 with plain line ends on every system."""
-    atomic_write(path, lambda file: file.write_text(text, "utf-8", newline="\n"))
+    atomic_write(path, lambda file: file.write_text(text, "utf-8", "replace", newline="\n"))
 
 
 def pixels(figure):

@@ -645,7 +645,7 @@ def main(argv=None):
     plot_footsteps(
         world, planners, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png"
     )
-    print("To see it walk: python tests/studies/play.py. Two walks in footsteps.png, all in", out)
+    print(f"To see it walk: python tests/studies/play.py. Two walks: footsteps.png, in {out}")
 
 
 if __name__ == "__main__":

@@ -58,7 +58,7 @@ def test_the_evaluation_has_all_rows_and_meets_its_targets(sim):
     rows = common.pick(shipped(sim, "evaluation.json")["rows"], episodes=500)
     for noise, std in product((False, True), common.STD.values()):
         found = {row["planner"]: row for row in common.pick(rows, noise=noise, goal_std_m=std)}
-        assert found.keys() == common.WHAT.keys()
+        assert found.keys() > common.WHAT.keys(), "README shows them"
         policy = found["policy"]
         assert policy["success"] >= 0.980, "the paper's"
         assert policy["still_there"] >= 0.88, "it arrives, and leaves again"
