@@ -11,7 +11,6 @@ nor does what stands in `code`, in a link, or in a name like 3-D, stage 2 or see
 import re
 
 import common
-import kicks
 import numpy as np
 import pytest
 import seeds
@@ -126,7 +125,6 @@ def numbers():
             )
             for name in seeds.FILTERS
         ],
-        "kicks.blocks": [5, np.sum(falls(rows("kicks", "worlds", world=[*kicks.BLOCKS][0])), 1)],
         "ladder.first": [times / times[0], 6.35 / 11.43, shares],  # the paper's Table II
         "transfer": [falls(op3), op3[-1]["over_baseline_tuned"], 100, 2],  # of PyBullet; degrees
     }
