@@ -1,6 +1,5 @@
 """The studies' own tools, with answers that are known; the studies themselves take hours."""
 
-import math
 from dataclasses import replace
 from importlib import import_module
 from operator import itemgetter
@@ -147,16 +146,6 @@ def test_slow_noise_is_as_large_and_stays():
 
 
 # ------------------------------------------------------------------------ seeds, ladder, peers
-def test_a_plan_that_turns_walks_and_turns_again_by_hand():
-    world = common.world("pymunk", num_robots=1)
-    (ahead, _, out), (back, _, inward) = world.limits.high, world.limits.low  # [m], [rad]
-    turn = out - inward  # in a double step: a foot outward, the other one inward
-    goals = np.array([[3.9 * ahead, 0, 0], [3.9 * back, 0, 0], [0, 0, 2.5 * turn], [0, ahead, 0]])
-    found = seeds.turn_walk_turn(goals, world) / world.engine.period
-    aside = 1 + 2 * math.ceil(math.pi / 2 / turn)
-    close(found, [2, 2, 3, aside], "whole double steps, two steps each; behind it: backwards")
-
-
 def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):
     trial, one = np.arange(400), np.ones(400)
     falls = {"expert": trial < 10, 0: trial < 40, 1: (5 <= trial) & (trial < 15)}

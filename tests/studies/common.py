@@ -44,8 +44,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, and "
     "where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
-    "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
-    "steps at once, with which the robot falls.",
+    "0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
     "the step limits. They were chosen so that most cells inside are white; in the corners some robots "
     "fall. (The yaw is drawn to the smaller of its two limits, since both feet turn alike.)",
@@ -146,7 +145,6 @@ HEADS = {
     "seed": "training seed",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
-    "plan": "turn, walk, turn [s]",
     "push": "push [m/s]",
     "time_over_all": "time ÷ that with all",
     "only_theirs": "falls avoided",
