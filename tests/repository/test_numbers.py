@@ -91,7 +91,7 @@ def numbers():
     exact = {"noise": False, "goal_std_m": STD[True]}
     (pairs,) = pick(evaluation["ratios"], reference="baseline_tuned", **exact)
     fell = values(pick(evaluation["rows"], **exact), "fall")
-    limits = study("walk", "limits")
+    (random,) = rows("walk", "limits", map="1,000 random plans")
     (tuned,) = pick(study("baseline", "baseline_tuned")["finalists"], chosen=True)
     calm = rows("seeds", "pooled", push=0.0, planner="baseline_tuned")
     lead = {
@@ -117,7 +117,7 @@ def numbers():
         "robot.mass": robot.torso.mass + 2 * sum(link.mass for link in leg),
         "training": [1024, 25_600, policy["steps"]],
         "evaluation.exact": [pairs["slower"], pairs["faster"], PER_SET, np.multiply(PER_SET, fell)],
-        "walk.limits": [limits["stood"], 1000 * limits["clearance"][0]],
+        "walk.limits": [random["fall_inside"], random["clearance, median [mm]"]],
         "baseline.times": [study("baseline", "paper")["time"], tuned["time"]],
         "seeds.pooled": [lead["pooled"], *(sum(counts) for counts in falls(calm))],
         "seeds.trainings": lead["seeds"],
