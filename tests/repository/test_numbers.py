@@ -92,7 +92,7 @@ def numbers():
     (pairs,) = pick(evaluation["ratios"], reference="baseline_tuned", **exact)
     fell = values(pick(evaluation["rows"], **exact), "fall")
     (random,) = rows("walk", "limits", map="1,000 random plans")
-    (tuned,) = pick(study("baseline", "baseline_tuned")["finalists"], chosen=True)
+    (paper,), (tuned,) = rows("baseline", "paper"), rows("baseline", "baseline_tuned", chosen=True)
     calm = rows("seeds", "pooled", push=0.0, planner="baseline_tuned")
     lead = {
         part: values(study("seeds", part)["over"], "ratio", push=0.0, other="baseline_tuned")
@@ -118,7 +118,7 @@ def numbers():
         "training": [1024, 25_600, policy["steps"]],
         "evaluation.exact": [pairs["slower"], pairs["faster"], PER_SET, np.multiply(PER_SET, fell)],
         "walk.limits": [random["fall_inside"], random["clearance, median [mm]"]],
-        "baseline.times": [study("baseline", "paper")["time"], tuned["time"]],
+        "baseline.times": [paper["time"], tuned["time"]],
         "seeds.pooled": [lead["pooled"], *(sum(counts) for counts in falls(calm))],
         "seeds.trainings": lead["seeds"],
         "seeds.pushed": falls(rows("seeds", "pooled", push=0.4)),

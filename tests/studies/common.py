@@ -87,15 +87,13 @@ def start(name):
 
 
 def publish(study, part, args):
-    """Measure a part of a study, "" if it is the only one, then write all that is known."""
+    """Measures a part of a study, then writes all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if numbers is None:  # it was left out, and has said why
         return
     found = {"rows": numbers} if isinstance(numbers, list) else numbers
-    if part:
-        found = (read_json(path) if path.is_file() else {}) | {part: found}
-    found = ppo.as_json(found)
+    found = ppo.as_json((read_json(path) if path.is_file() else {}) | {part: found})
     text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False)
     robot_model.write_text(path, text + "\n")
     if hasattr(study, "plot") and [*study.PARTS][0] in found:  # it shows the first one
