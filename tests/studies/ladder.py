@@ -1,14 +1,13 @@
 """What leads from the paper to this system, and what does PPO need here? Short trainings.
 
-    python tests/studies/ladder.py --mujoco [--only PART [--rung NAME]] [--out FOLDER]
+    python tests/studies/ladder.py --mujoco [--only PART] [--out FOLDER]
 
 walk: the walk of the rungs that have no answers to a lean, searched for without them. (Only in 3-D.)
-rungs: from the paper's system to ours, one change after the other. (`RUNGS`; only in 3-D.) With
---rung only this one is measured; of the others the file keeps what it has.
+rungs: from the paper's system to ours, one change after the other. (`RUNGS`; only in 3-D.)
 without: our system without one part of the learning at a time.
 
 What is finished stays in runs/<sim>/studies/ladder until you delete it, so a study that was stopped
-goes on there.
+goes on there, and measures again only what you have deleted.
 """
 
 import json
@@ -32,7 +31,6 @@ STEPS = {"pymunk": 60_000, "mujoco": 125_000}  # double steps of a training
 SEEDS = {"pymunk": (0, 1, 2), "mujoco": (0,)}  # of `without`
 FIRST, SETS = 140, 2  # evaluation seeds: 1,000 near and 1,000 far goals of `without`
 RUNGS_FIRST = 300  # that of the rungs: 500 near goals
-FLAGS = {"rung": {"metavar": "NAME", "help": "of the rungs measure this one"}}
 
 
 class ShapeActor(ppo.ActorCritic):
@@ -132,24 +130,22 @@ def kept(path, measure, *args, **settings):
 
 
 def study_without(args):
-    """A row for every training, and for all of one name together."""
+    """A row for the trainings of each name."""
     world, walked, rows = common.world(args.sim), {}, []
     for name, seed in product(WITHOUT, SEEDS[args.sim]):
         planner = learn(args.sim, f"without {name}", seed, **WITHOUT[name])
         for far in common.STD:
             walked[name, seed, far] = common.walks(planner, world, far, SETS, FIRST)
     for name, far in product(WITHOUT, common.STD):
-        pairs = [
-            (walked[name, seed, far], walked["nothing", seed, far]) for seed in SEEDS[args.sim]
-        ]
-        own, reference = map(common.together, zip(*pairs))
-        row = common.row_of(own, name, far, without=name)
-        row |= common.time_over("time_over_all", own, reference)
-        ratios = [common.time_over("", *pair)[""] for pair in pairs]
-        if len(ratios) > 1:  # trainings are not walks: each is shown, and their mean
-            row |= {"time_over_all": np.mean(ratios), "time_over_all_ci95": None}
-        rows.append(row | {"per_seed": ", ".join(f"{ratio:.3f}" for ratio in ratios)})
-    return {"steps": STEPS[args.sim], "rows": rows}
+        own, complete = (
+            [walked[one, seed, far] for seed in SEEDS[args.sim]] for one in (name, "nothing")
+        )
+        row = common.row_of(common.together(own), name, far, without=name)
+        # Trainings are not walks: each is shown, and their mean.
+        ratios = [common.time_over("", *pair)[""] for pair in zip(own, complete)]
+        per_seed = ", ".join(f"{ratio:.3f}" for ratio in ratios)
+        rows.append(row | {"time_over_all": np.mean(ratios), "per_seed": per_seed})
+    return rows
 
 
 def tuned_for(world):
@@ -237,20 +233,13 @@ def rows_of_rung(sim, k, rung, settings):
 
 
 def study_rungs(args):
-    """Rows of every rung, or of the one that --rung names beside those that the file has."""
-    if args.rung not in (None, *RUNGS):
-        raise robot_model.InputError(f"--rung {args.rung}: there are {', '.join(RUNGS)}")
-    path, rows = args.out / "ladder.json", []
-    known = common.read_json(path) if path.is_file() else {}
-    settings = PAPER
+    """Rows of every rung."""
+    rows, settings = [], PAPER
     for k, (rung, change) in enumerate(RUNGS.items()):
         settings = settings | change
-        if args.rung in (None, rung):
-            rows += rows_of_rung(args.sim, k, rung, settings)
-        elif "rungs" in known:
-            rows += common.pick(known["rungs"]["rows"], rung=rung)
+        rows += rows_of_rung(args.sim, k, rung, settings)
     robot_model.save_figure(plot_rungs(rows), args.out / "ladder.rungs.png")
-    return {"steps": STEPS[args.sim], "rows": rows}
+    return rows
 
 
 def cut_off_is_end(model, optimizer, data, cfg):
