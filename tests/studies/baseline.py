@@ -39,6 +39,13 @@ def tuned_of(settings):
     return evaluate.BaselinePlanner(evaluate.BaselineSettings(*settings, share=True))
 
 
+def in_use(sim):
+    """The settings of `baseline_tuned`, by name, in the order of `tuned_of`."""
+    settings = vars(evaluate.TUNED_BASELINE[sim]).copy()
+    del settings["share"]
+    return settings
+
+
 def expert_of(settings):
     """The expert with these settings, in the order of EXPERT."""
     top, change = tuple(settings[:3]), tuple(settings[3:6])
@@ -129,9 +136,7 @@ def study_paper(args):
 
 def study_tuned(args):
     """The search for TUNED_BASELINE of stage 5."""
-    now = vars(evaluate.TUNED_BASELINE[args.sim]).copy()
-    del now["share"]
-    return searched(args, tuned_of, now)
+    return searched(args, tuned_of, in_use(args.sim))
 
 
 def study_expert(args):

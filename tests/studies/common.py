@@ -136,8 +136,6 @@ HEADS = {
     "timeout": "share of time-outs",
     "time": "time [s]",
     "time_mean": "time [s]",
-    "time_median": "median [s]",
-    "time_p95": "95 % [s]",
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
@@ -148,7 +146,7 @@ HEADS = {
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
 }
-KINDS = {"goal_std_m": {STD[False]: "near", STD[True]: "far"}}  # of the columns that `beside` makes
+KINDS = {STD[False]: "near", STD[True]: "far"}  # goals, in the columns that `beside` makes
 
 
 def table(rows, columns):
@@ -175,9 +173,7 @@ def beside(rows, columns):
                 wide[key] = digits
                 continue
             value, name = key
-            kind = KINDS.get(name, {}).get(row[name], row[name])
-            kind = kind if isinstance(kind, str) else f"{name} {kind}"
-            column = f"{HEADS.get(value, value)}, {kind}"
+            column = f"{HEADS.get(value, value)}, {KINDS.get(row[name], row[name])}"
             wide[column] = digits
             line |= {column: row[value], f"{column}_ci95": row.get(f"{value}_ci95")}
     return [*lines.values()], wide
@@ -432,9 +428,6 @@ def read_trials(path):
     lines = np.genfromtxt(path, dtype=None, **table)
     kinds = lines[["planner", "noise", "goal_std_m"]].tolist()
     return {kind: lines[[other == kind for other in kinds]] for kind in dict.fromkeys(kinds)}
-
-
-STUDIES = sorted({path.stem for path in RESULTS.glob("*/studies/*.json")})  # what was measured
 
 
 def pages():

@@ -64,9 +64,6 @@ def ground(mu):
 TRAINED, SLOW = "as trained", "noise of the goal lasts for seconds"
 WORLDS = {  # settings of the world
     TRAINED: {},
-    "μ = 0.4": ground(0.4),
-    "μ = 0.7": ground(0.7),
-    "μ = 1.0": ground(1.0),
     "μ = 0.3 (trained: 0.4 to 1.0)": ground(0.3),
     "μ = 1.2": ground(1.2),
     "pushed by 0.4 m/s every 3 s": {"push": 0.4},

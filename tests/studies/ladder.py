@@ -151,8 +151,7 @@ def study_without(args):
 def tuned_for(world):
     """Settings of `baseline_tuned` for near goals in this world, from those of stage 5 on, and a row
     for each generation of the search."""
-    start = vars(evaluate.TUNED_BASELINE[world.sim]).copy()
-    del start["share"]
+    start = baseline.in_use(world.sim)
 
     def walked(drawn, trial):
         goals = {"first": trial, "purpose": "tuning"}
@@ -203,8 +202,8 @@ def judged(sim, name, make_planner, noise, in_a_row, task, **own):
     which of these walks it fell."""
     world = common.world(sim, noise=noise, task=replace(task, in_a_row=in_a_row), **own)
     ended = common.walks(make_planner(), world, first=RUNGS_FIRST)
-    more = {"noise": noise, "in_a_row": in_a_row, "goals_seed": RUNGS_FIRST}
-    return common.row_of(ended, name) | more | {"fell": np.flatnonzero(common.fell(ended))}
+    more = {"noise": noise, "in_a_row": in_a_row, "fell": np.flatnonzero(common.fell(ended))}
+    return common.row_of(ended, name) | more
 
 
 def tuned_there(sim, **own):
@@ -354,10 +353,7 @@ def plot(found, sim):
     """What each learner's return does on Pendulum."""
     figure, axes = common.subplots(figsize=(8, 4.5))
     pendulum.draw_learners(axes, found["pendulum"]["rows"])
-    for line in axes.lines:
-        x, y = line.get_data()
-        axes.text(1.01 * x[-1], y[-1], line.get_label(), color=line.get_color(), va="center")
-    axes.set_xlim(0, 1.4 * x[-1])
+    axes.legend(loc="upper left")
     axes.set_title("PPO swings up a pendulum: mean of five seeds, 95 % intervals")
     return figure
 

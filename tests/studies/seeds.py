@@ -91,7 +91,7 @@ def study_all(args):
 def study_pooled(args):
     """Rows of the shipped policy and its opponents in many walks."""
     policy, others = {None: common.shipped(args.sim)}, common.opponents(args.sim)
-    return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, others)}
+    return walked(args.sim, policy, POOLED_SETS, others)
 
 
 class Watched(env.FootstepWorld):
