@@ -90,8 +90,8 @@ def numbers():
     plane = common.read_json(RESULTS / "pymunk" / "evaluation.json")
     exact = {"noise": False, "goal_std_m": STD[True]}
     fell = values(pick(evaluation["rows"], **exact), "fall")
-    limits = study("walk", "limits")
-    (tuned,) = pick(study("baseline", "baseline_tuned")["finalists"], chosen=True)
+    (random,) = rows("walk", "limits", map="1,000 random plans")
+    (paper,), (tuned,) = rows("baseline", "paper"), rows("baseline", "baseline_tuned", chosen=True)
     calm = rows("seeds", "pooled", push=0.0, planner="baseline_tuned")
     lead = {
         part: values(study("seeds", part)["over"], "ratio", push=0.0, other="baseline_tuned")
@@ -112,8 +112,8 @@ def numbers():
             plane["ratios"], "time_ratio", noise=True, goal_std_m=STD[False]
         ),
         "evaluation.exact": [PER_SET, np.multiply(PER_SET, fell)],
-        "walk.limits": [limits["stood"], 1000 * limits["clearance"][0]],
-        "baseline.times": [study("baseline", "paper")["time"], tuned["time"]],
+        "walk.limits": [random["fall_inside"], random["clearance, median [mm]"]],
+        "baseline.times": [paper["time"], tuned["time"]],
         "seeds.pooled": [lead["pooled"], *(sum(counts) for counts in falls(calm))],
         "seeds.trainings": lead["seeds"],
         "seeds.pushed": values(rows("seeds", "pooled", push=0.4, planner="policy"), "fall"),

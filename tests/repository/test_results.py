@@ -130,14 +130,13 @@ def test_the_shipped_policy_fits_and_its_page_is_right(sim, capsys):
 @BOTH
 @pytest.mark.parametrize("part", ["baseline_tuned", "expert"])
 def test_the_opponents_were_tuned_in_this_world_with_the_policy_s_budget(sim, part, monkeypatch):
-    """The study says by which rule; test_studies has the rule."""
+    """By which rule one is chosen: see test_studies."""
     found = shipped(sim, "studies/baseline.json")[part]
     world = common.ppo.fingerprint(common.world(sim, num_robots=1))
     assert found["fits"] == world, "the world has changed: search for its opponents again, too"
-    (chosen,) = common.pick(found["finalists"], chosen=True)
+    (chosen,) = common.pick(found["rows"], chosen=True)
     monkeypatch.setattr(baseline, "searched", lambda args, planner_of, now: now)
     assert chosen["settings"] == baseline.PARTS[part](Namespace(sim=sim)), "others are in use"
-    assert ("none" in found["rule"]) == (not baseline.keeps(chosen))
     for restart in range(3):
         *_, taken = common.values(found["curve"], "steps", restart=restart)
         assert taken >= evaluate.ppo.STEPS, "each search takes as many steps as a training"

@@ -1,6 +1,5 @@
 """The studies' own tools, with answers that are known; the studies themselves take hours."""
 
-import math
 from dataclasses import replace
 from importlib import import_module
 from operator import itemgetter
@@ -17,12 +16,11 @@ import pytest
 import seeds
 import walk
 from checks import close, equal
-from common import env, evaluate, ppo, robot_model, values, walk_engine
+from common import env, evaluate, robot_model, values, walk_engine
 from numpy.random import default_rng
 from test_01_robot_model import mujoco_at  # pytest asserts in it, too
 from test_scripts import python
 
-torch = ppo.torch
 ROBOT = robot_model.RobotModel()
 SHORT = env.Task(time_limit=5.0)  # [s]
 
@@ -95,7 +93,7 @@ def test_of_the_planners_that_keep_the_rule_the_one_with_the_fewest_points_is_ta
     rows = [dict(zip(names, row)) for row in table]
     # If nobody keeps the rule, only falls count; if everybody falls too often, all count.
     for first, best in ((0, 7.0), (3, 6.1), (5, 5.1)):
-        _, found = baseline.choose(rows[first:])
+        found = baseline.choose(rows[first:])
         assert values(found, "time", chosen=True) == [best]
 
 
@@ -104,27 +102,26 @@ def test_soles_are_where_mujoco_has_them():
     rng = default_rng(5)
     for torso, joints in zip(rng.uniform(-0.4, 0.4, (20, 6)), rng.uniform(-0.3, 0.3, (20, 12))):
         model, data = mujoco_at(torso, joints)
-        _, lowest = walk.soles(ROBOT, torso, joints)
+        lowest = walk.lowest(ROBOT, torso, joints)
         for name, height in zip(("left sole", "right sole"), lowest, strict=True):
             up = np.abs(data.geom(name).xmat[6:])  # of its axes
             want = data.geom(name).xpos[2] - up @ model.geom(name).size
             close(height, want, "the lowest corner")
 
 
-def test_clearance_is_that_of_the_swinging_foot_and_slip_that_of_the_other():
-    """A robot that follows its plan, but 4 mm too high and drifting 1 mm ahead per tick."""
+def test_clearance_is_that_of_the_swinging_foot():
+    """A robot that follows its plan, but 4 mm too high."""
     p = walk_engine.TUNED["mujoco"]
     p = replace(p, step_ticks=30, double_support=1 / 3, foot_rise=0.04)  # 20 of 30 ticks swing
     engine = walk_engine.WalkEngine(1, p)
     plan = engine.plan([[[0.08, 0, 0]] * 2], [0])
     joints = robot_model.joints_for_feet(ROBOT, plan.trunk, plan.feet)[:, 1:]
-    torso = plan.trunk[:, 1:] + np.outer(range(60), np.eye(6)[0]) / 1000 + 0.004 * np.eye(6)[2]
+    torso = plan.trunk[:, 1:] + 0.004 * np.eye(6)[2]
     motion = SimpleNamespace(torso=torso, joints=joints, fell=np.array([False]))
-    clearance, slip = walk.clearance_and_slip(engine, motion)
+    clearance = walk.clearance(engine, motion)
     # At 30 and at 70 % of its swing the foot is up by s(0.6) of its rise, minimum jerk.
     want = 0.04 * (10 * 0.6**3 - 15 * 0.6**4 + 6 * 0.6**5) + 0.004
     close(clearance, want, "the lowest amid a swing")
-    close(slip, 0.019, "19 ticks of drift while the other swings")
 
 
 def test_errors_that_repeat_add_up_in_what_the_filter_expects():
@@ -147,25 +144,7 @@ def test_slow_noise_is_as_large_and_stays():
     close(np.corrcoef(seen.T)[0], [1, 0.9, 0.81], "0.9 a double step", atol=0.05)
 
 
-def test_blocks_are_as_high_as_drawn_and_others_for_every_robot():
-    world = common.world("mujoco", num_robots=2, **kicks.BLOCKS["blocks up to 10 mm"])
-    world.reset([0, 1], [default_rng(0), default_rng(1)])
-    high = [model.hfield_data * model.hfield_size[0, 2] for model in world.simulator.models]  # [m]
-    close(np.quantile(high, [0, 0.5, 1], 1).T, [[0, 0.005, 0.01]] * 2, "evenly", atol=0.0005)
-    assert np.ptp(high, 0).max() > 0.003
-
-
 # ------------------------------------------------------------------------ seeds, ladder, peers
-def test_a_plan_that_turns_walks_and_turns_again_by_hand():
-    world = common.world("pymunk", num_robots=1)
-    (ahead, _, out), (back, _, inward) = world.limits.high, world.limits.low  # [m], [rad]
-    turn = out - inward  # in a double step: a foot outward, the other one inward
-    goals = np.array([[3.9 * ahead, 0, 0], [3.9 * back, 0, 0], [0, 0, 2.5 * turn], [0, ahead, 0]])
-    found = seeds.turn_walk_turn(goals, world) / world.engine.period
-    aside = 1 + 2 * math.ceil(math.pi / 2 / turn)
-    close(found, [2, 2, 3, aside], "whole double steps, two steps each; behind it: backwards")
-
-
 def test_falls_of_every_training_are_compared_trial_by_trial(monkeypatch):
     trial, one = np.arange(400), np.ones(400)
     falls = {"expert": trial < 10, 0: trial < 40, 1: (5 <= trial) & (trial < 15)}
@@ -230,11 +209,9 @@ def test_without_a_display_the_window_is_one_line(monkeypatch):
 # ------------------------------------------------------------------------ cluster
 @pytest.mark.slow
 def test_a_training_over_actors_is_that_of_stage_04_bit_for_bit(tmp_path):
-    """In a process of its own, since Ray leaves processes behind."""
+    """In a process of its own, since Ray leaves processes behind in this one."""
     pytest.importorskip("ray", reason="only the study `cluster` needs it")
-    code = "import cluster, common; cluster.STEPS = 2048; common.main('cluster')"
-    studies = str(common.ROOT / "tests" / "studies")
-    done = python("-c", code, "--out", ".", cwd=tmp_path, PYTHONPATH=studies)
+    done = python(common.ROOT / "tests" / "studies" / "cluster.py", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    rows = common.read_json(tmp_path / "cluster.json")["speed"]["rows"]
-    assert [row["equal"] for row in rows] == [True] * 4, "where a robot walks changes nothing"
+    found = common.read_json(tmp_path / "runs" / "pymunk" / "studies" / "cluster.json")
+    assert all(values(found["speed"]["rows"], "equal")), "where a robot walks changes nothing"

@@ -39,6 +39,13 @@ def tuned_of(settings):
     return evaluate.BaselinePlanner(evaluate.BaselineSettings(*settings, share=True))
 
 
+def in_use(sim):
+    """The settings of `baseline_tuned`, by name, in the order of `tuned_of`."""
+    settings = vars(evaluate.TUNED_BASELINE[sim]).copy()
+    del settings["share"]
+    return settings
+
+
 def expert_of(settings):
     """The expert with these settings, in the order of EXPERT."""
     top, change = tuple(settings[:3]), tuple(settings[3:6])
@@ -84,15 +91,10 @@ def points(row):
 
 
 def choose(rows):
-    """The rule that chose the best of these rows, and the rows, which say whether they are chosen."""
-    if kept := [row for row in rows if keeps(row)]:
-        rule = "it keeps the rule, with the fewest points"
-    elif kept := [row for row in rows if keeps(row, stays=0.5)]:
-        rule = "none keeps the rule; of those with so few falls it has the fewest points"
-    else:
-        kept, rule = rows, "none falls so seldom; it has the fewest points"
-    best = min(kept, key=points)
-    return rule, [row | {"chosen": row is best} for row in rows]
+    """The rows, which say whether they are chosen: see above."""
+    kept = [row for row in rows if keeps(row)] or [row for row in rows if keeps(row, stays=0.5)]
+    best = min(kept or rows, key=points)
+    return [row | {"chosen": row is best} for row in rows]
 
 
 def searched(args, planner_of, now):
@@ -124,21 +126,17 @@ def searched(args, planner_of, now):
     best = min(rows, key=points)
     if not keeps(best):
         search(RESTARTS, [*best["settings"].values()], STAYS + MORE)
-    rule, rows = choose(rows)
-    found = {"trials": 2 * SETS * common.PER_SET, "rule": rule, "finalists": rows, "curve": curve}
-    return found | {"fits": ppo.fingerprint(world)}
+    return {"rows": choose(rows), "curve": curve, "fits": ppo.fingerprint(world)}
 
 
 def study_paper(args):
-    """The facts of the paper's settings."""
-    return final(common.world(args.sim), evaluate.BaselinePlanner())
+    """The row of the paper's settings."""
+    return [final(common.world(args.sim), evaluate.BaselinePlanner())]
 
 
 def study_tuned(args):
     """The search for TUNED_BASELINE of stage 5."""
-    now = vars(evaluate.TUNED_BASELINE[args.sim]).copy()
-    del now["share"]
-    return searched(args, tuned_of, now)
+    return searched(args, tuned_of, in_use(args.sim))
 
 
 def study_expert(args):
@@ -151,8 +149,7 @@ def study_expert(args):
 def study_policy(args):
     """Rows of the trained policies on the same walks. The chosen one is to be shipped."""
     world, planners = common.world(args.sim), common.trainings(args.sim)
-    rule, rows = choose([{"seed": k, **final(world, planners[k])} for k in planners])
-    return {"trials": 2 * SETS * common.PER_SET, "rule": rule, "rows": rows}
+    return choose([{"seed": k, **final(world, planners[k])} for k in planners])
 
 
 PARTS = {
@@ -164,17 +161,13 @@ PARTS = {
 SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the figure
 
 
-def table(found):
-    """The finalists beside the paper's settings, and the trainings."""
-    facts = {"fall": 4, "pushed": 3, "time": 2, "still_near": 3, "still_far": 3, "chosen": 0}
-    text = ""
-    for part in ("baseline_tuned", "expert"):
-        if part in found:
-            rows = [{"search": "the paper's settings", "chosen": False, **found.get("paper", {})}]
-            rows += found[part]["finalists"]
-            rule = f"Chosen: {found[part]['rule']}."
-            text += f"### {part}\n\n{common.table(rows, {'search': 0} | facts)}\n{rule}\n\n"
-    return text + common.sections(found, {"policy": {"seed": 0} | facts})
+FACTS = {"fall": 4, "pushed": 3, "time": 2, "still_near": 3, "still_far": 3, "chosen": 0}
+COLUMNS = {
+    "paper": FACTS,
+    "baseline_tuned": {"search": 0, **FACTS},
+    "expert": {"search": 0, **FACTS},
+    "policy": {"seed": 0, **FACTS},
+}
 
 
 def plot(found, sim):
@@ -189,8 +182,7 @@ def plot(found, sim):
         axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
         axes.set(xlabel=f"falls: {title}", title=f"dashed: the rule's limit, {100 * most} %")
         for part, marker in SHOWN.items():
-            known = found.get(part, {"rows": []})
-            for row in known.get("finalists") or known["rows"]:
+            for row in found[part]["rows"] if part in found else ():
                 # Hollow: it breaks the rule. Large: it was chosen.
                 fill = "full" if keeps(row) else "none"
                 look = {"color": common.COLORS[part], "fillstyle": fill, "ms": 8}

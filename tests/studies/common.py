@@ -44,8 +44,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, and "
     "where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
-    "0 the policy is quicker. The plan (grey) knows where it is, but no balance: it takes the largest "
-    "steps at once, with which the robot falls.",
+    "0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
     "the step limits. They were chosen so that most cells inside are white; in the corners some robots "
     "fall. (The yaw is drawn to the smaller of its two limits, since both feet turn alike.)",
@@ -88,15 +87,13 @@ def start(name):
 
 
 def publish(study, part, args):
-    """Measure a part of a study, "" if it is the only one, then write all that is known."""
+    """Measures a part of a study, then writes all that is known."""
     path = args.out / f"{study.__name__}.json"
     numbers = study.PARTS[part](args)
     if numbers is None:  # it was left out, and has said why
         return
     found = {"rows": numbers} if isinstance(numbers, list) else numbers
-    if part:
-        found = (read_json(path) if path.is_file() else {}) | {part: found}
-    found = ppo.as_json(found)
+    found = ppo.as_json((read_json(path) if path.is_file() else {}) | {part: found})
     text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False)
     robot_model.write_text(path, text + "\n")
     if hasattr(study, "plot") and [*study.PARTS][0] in found:  # it shows the first one
@@ -139,20 +136,17 @@ HEADS = {
     "timeout": "share of time-outs",
     "time": "time [s]",
     "time_mean": "time [s]",
-    "time_median": "median [s]",
-    "time_p95": "95 % [s]",
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
     "speed": "Δv [m/s]",
     "distance": "distance [m]",
-    "plan": "turn, walk, turn [s]",
     "push": "push [m/s]",
     "time_over_all": "time ÷ that with all",
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
 }
-KINDS = {"goal_std_m": {STD[False]: "near", STD[True]: "far"}}  # of the columns that `beside` makes
+KINDS = {STD[False]: "near", STD[True]: "far"}  # goals, in the columns that `beside` makes
 
 
 def table(rows, columns):
@@ -179,9 +173,7 @@ def beside(rows, columns):
                 wide[key] = digits
                 continue
             value, name = key
-            kind = KINDS.get(name, {}).get(row[name], row[name])
-            kind = kind if isinstance(kind, str) else f"{name} {kind}"
-            column = f"{HEADS.get(value, value)}, {kind}"
+            column = f"{HEADS.get(value, value)}, {KINDS.get(row[name], row[name])}"
             wide[column] = digits
             line |= {column: row[value], f"{column}_ci95": row.get(f"{value}_ci95")}
     return [*lines.values()], wide
@@ -436,9 +428,6 @@ def read_trials(path):
     lines = np.genfromtxt(path, dtype=None, **table)
     kinds = lines[["planner", "noise", "goal_std_m"]].tolist()
     return {kind: lines[[other == kind for other in kinds]] for kind in dict.fromkeys(kinds)}
-
-
-STUDIES = sorted({path.stem for path in RESULTS.glob("*/studies/*.json")})  # what was measured
 
 
 def pages():

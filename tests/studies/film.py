@@ -1,17 +1,15 @@
 """How does the robot walk, and how did it walk at the beginning of a training?
 
-    python tests/studies/film.py --mujoco [--policy FILE] [--out FOLDER]
+    python tests/studies/film.py --mujoco [--out FOLDER]
 
-Draws README's pictures (PICTURES), and writes two films. (The pictures of lessons 3 and 5, clock.png,
-walks.png and landscape.png, were drawn by the film.py of commit b097353.) In animation.gif the robot
-walks to three goals, and is pushed on the way. In learning.gif the robot walks to one goal with three
+Draws README's pictures (PICTURES), and films learning.gif: the robot walks to one goal with three
 policies, twice as fast as it is. Two of them are from the beginning of a training
-(results/mujoco/film/), the last one is the shipped policy.
+(results/mujoco/film/), the last one is the shipped policy. (The pictures of lessons 3 and 5, clock.png,
+walks.png and landscape.png, were drawn by the film.py of commit b097353.)
 """
 
 from importlib import import_module
-from itertools import count, islice, zip_longest
-from pathlib import Path
+from itertools import islice, zip_longest
 
 import common
 import numpy as np
@@ -21,9 +19,7 @@ from play import PushedWorld, pictures
 from tqdm import tqdm
 
 DURATION = "two minutes"
-GOALS = [[0.9, 0.5, 1.6], [-0.3, 0.35, 3.0], [0.55, -0.25, 0.0]]  # x, y [m], yaw [rad]; our choice
-PUSH = 0.52, 0.3  # to the right in the picture [m/s]
-HELD = 10  # pictures that an event is shown for, 0.8 s
+WINDOW = -0.3, 1.35, -0.3, 0.95  # what the film shows, from left to right, from below to above [m]
 FOOTSTEPS = np.array([[[0.12, 0.05, 0.35], [0.1, 0.02, -0.1]]])  # of double_step.png [m, m, rad]
 LOOP = {  # from the goal to the robot's motion: which stage does what
     "goal": "stage 3\n\nx, y, yaw\nmeasured\n5 cm, 3° off",
@@ -113,40 +109,31 @@ def double_step(sim):
 PICTURES = loop, planners, double_step
 
 
-# ------------------------------------------------------------------------ films
-def walk(axes, planner, sim, goals, name, window=(-0.55, 1.4, -0.32, 0.95)):
-    """Lets a robot walk to these goals, one after the other, without noise, and yields after every
-    picture. On the way to the second goal it is pushed. What happens is shown for longer: a push as
-    it begins, a goal as it is reached. Ends early if the robot falls. window: what is seen, from left
-    to right, from below to above [m]."""
+# ------------------------------------------------------------------------ film
+def walk(axes, planner, sim, name):
+    """Lets a robot walk to a goal without noise, until it arrives or falls, and yields after every
+    picture."""
     world = common.world(sim, PushedWorld, num_robots=1, noise=False)
     world.reset([0], [env.stream("evaluation", 0, 0)])
+    world.set_goal([0], evaluate.FIGURE_GOALS[0])
     planner.reset(1)
-    feet = []
-    for k, goal in enumerate(goals, 1):
-        world.set_goal([0], goal)
-        for step in count():
-            push = PUSH if k == step == 2 else (0, 0)
-            film = pictures(axes, world, planner, feet, push, name.format(k), window)
-            for picture, result in enumerate(film):
-                yield from [result] * (HELD if any(push) and picture == 0 else 1)
-            if result["fall"][0] or result["timeout"][0]:
-                return
-            if result["success"][0]:
-                axes.set_title(f"{name.format(k)}\narrived: {result['time'][0]:.1f} s")
-                yield from [result] * HELD
-                break
+    feet, on_its_way = [], True
+    while on_its_way:
+        for result in pictures(axes, world, planner, feet, (0, 0), name, WINDOW):
+            yield result
+        on_its_way = not (result["success"] | result["fall"] | result["timeout"])[0]
+    if result["success"][0]:
+        axes.set_title(f"{name}\narrived: {result['time'][0]:.1f} s")
 
 
 def training(panels, sim):
     """Lets a robot walk to one goal with three policies, side by side: every second picture of 9 s at
-    most, each until its walk ends."""
+    most."""
     films = []
     for axes, name in zip(panels, ("film/1,024.pt", "film/25,600.pt", "policy.pt")):
         model, about = ppo.load_policy(RESULTS / sim / name)
-        how = f"{about['steps']:,} double steps of training", (-0.3, 1.35, -0.3, 0.95)
-        goals = evaluate.FIGURE_GOALS[:1]
-        films.append(walk(axes, evaluate.PolicyPlanner(model), sim, goals, *how))
+        how = f"{about['steps']:,} double steps of training"
+        films.append(walk(axes, evaluate.PolicyPlanner(model), sim, how))
     return islice(zip_longest(*films), 0, 112, 2)
 
 
@@ -164,16 +151,11 @@ def save(figure, film, path):
 
 
 def main(argv=None):
-    policy = {"type": Path, "help": "that of animation.gif (default: the shipped one)"}
-    args = common.arguments(import_module("film"), argv, policy=policy)
+    args = common.arguments(import_module("film"), argv)
     if args.sim != "mujoco":
-        raise robot_model.InputError("the films show the robot in 3-D: add --mujoco")
+        raise robot_model.InputError("the film shows the robot in 3-D: add --mujoco")
     for draw in PICTURES:
         robot_model.save_figure(draw(args.sim), args.out / f"{draw.__name__}.png")
-    figure, axes = common.subplots(figsize=(8.3, 5.8))
-    planner = common.policy(args.policy or RESULTS / args.sim / "policy.pt", args.sim)
-    film = walk(axes, planner, args.sim, GOALS, "goal {} of 3; yellow: the next two footsteps")
-    save(figure, film, args.out / "animation.gif")
     figure, panels = common.subplots(1, 3, figsize=(9, 3.1))
     figure.supxlabel("2 × speed; squares of 0.25 m")
     save(figure, training(panels, args.sim), args.out / "learning.gif")

@@ -4,8 +4,7 @@
 
 pushes: far goals with noise. A push acts on the torso for 50 ms and would give the torso alone the
 speed Δv. There is one every 3 s on average. All planners meet the same pushes.
-worlds: the shipped policy, which does not observe the world; near and far goals with noise. Only in
-3-D there are floors of blocks 0.2 m wide with random heights.
+worlds: the shipped policy, which does not observe the world; near and far goals with noise.
 steps: the shipped policy without some of the answers to a push (`reflex`, `capture`, `wait` of stage
 2), on the flat floor.
 unanswered: `baseline_tuned` (the policy has learned with the answers) with all of them, with all of
@@ -14,11 +13,9 @@ them switched off, and with a walk that was searched for without them (`ladder.p
 
 from dataclasses import replace
 from itertools import product
-from unittest import mock
 
 import common
 import ladder
-import mujoco
 import numpy as np
 import seeds
 from common import env, evaluate, pick, robot_model, walk_engine
@@ -34,39 +31,6 @@ def study_pushes(args):
         how = True, 1, seeds.FIRST, {"push": speed}
         rows += common.measured(args.sim, planners, *how, speed=speed)
     return rows
-
-
-class BlocksSim(robot_model.MujocoSim):
-    """The floor is a map of heights, which `Blocks` fills."""
-
-    def build(self, robot):
-        """See `MujocoSim`."""
-        spec = mujoco.MjSpec.from_string(robot_model.mujoco_xml(robot))
-        flat = [0.0] * 160**2
-        spec.add_hfield(name="blocks", nrow=160, ncol=160, size=[4, 4, 1, 0.1], userdata=flat)
-        kind = mujoco.mjtGeom.mjGEOM_HFIELD
-        spec.worldbody.add_geom(name="blocks", type=kind, hfieldname="blocks")
-        for side in ("left", "right"):  # each robot has a μ of its own
-            spec.add_pair(geomname1="blocks", geomname2=f"{side} sole", condim=3)
-        return spec.compile()
-
-
-class Blocks(env.FootstepWorld):
-    """A floor of blocks 0.2 m wide, up to 4 m from the origin, with random heights from 0 to
-    `highest` [m]; where the robots stand at first it is flat."""
-
-    def __init__(self, *args, highest, **settings):
-        self.highest = highest
-        with mock.patch.dict(robot_model.SIMULATORS, mujoco=BlocksSim):
-            super().__init__(*args, **settings)
-
-    def reset(self, robots, *args, **more):
-        super().reset(robots, *args, **more)
-        for i in robots:
-            heights = self.dice[i].world.uniform(0, self.highest, (40, 40))
-            heights[19:21, 19:21] = 0
-            # 4 samples each; a robot's model is its own since the reset
-            self.simulator.models[i].hfield_data = np.kron(heights, np.ones((4, 4))).ravel()
 
 
 class Slow:
@@ -100,9 +64,6 @@ def ground(mu):
 TRAINED, SLOW = "as trained", "noise of the goal lasts for seconds"
 WORLDS = {  # settings of the world
     TRAINED: {},
-    "μ = 0.4": ground(0.4),
-    "μ = 0.7": ground(0.7),
-    "μ = 1.0": ground(1.0),
     "μ = 0.3 (trained: 0.4 to 1.0)": ground(0.3),
     "μ = 1.2": ground(1.2),
     "pushed by 0.4 m/s every 3 s": {"push": 0.4},
@@ -111,17 +72,13 @@ WORLDS = {  # settings of the world
     SLOW: {"kind": SlowNoise},
     "exact joint zeros (σ 0.5°)": {"spread": env.Spread(zero=0.0)},
 }
-BLOCKS = {
-    f"blocks up to {height} mm": {"kind": Blocks, "highest": height / 1000} for height in (5, 10)
-}
 
 
 def study_worlds(args):
     """Rows of the policy in every world, and in two of them its opponents: 500 near and 1,000 far walks
     each, on seeds of `seeds.py`."""
     policy, rows = {"policy": common.shipped(args.sim)}, []
-    worlds = WORLDS | (BLOCKS if args.sim == "mujoco" else {})
-    for (title, settings), far in product(worlds.items(), common.STD):
+    for (title, settings), far in product(WORLDS.items(), common.STD):
         others = common.opponents(args.sim) if title in (TRAINED, SLOW) else {}
         how = far, 1 + far, seeds.FIRST, settings
         rows += common.measured(args.sim, policy | others, *how, world=title)

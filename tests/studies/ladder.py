@@ -132,31 +132,28 @@ def kept(path, measure, *args, **settings):
 
 
 def study_without(args):
-    """A row for every training, and for all of one name together."""
+    """A row for the trainings of each name."""
     world, walked, rows = common.world(args.sim), {}, []
     for name, seed in product(WITHOUT, SEEDS[args.sim]):
         planner = learn(args.sim, f"without {name}", seed, **WITHOUT[name])
         for far in common.STD:
             walked[name, seed, far] = common.walks(planner, world, far, SETS, FIRST)
     for name, far in product(WITHOUT, common.STD):
-        pairs = [
-            (walked[name, seed, far], walked["nothing", seed, far]) for seed in SEEDS[args.sim]
-        ]
-        own, reference = map(common.together, zip(*pairs))
-        row = common.row_of(own, name, far, without=name)
-        row |= common.time_over("time_over_all", own, reference)
-        ratios = [common.time_over("", *pair)[""] for pair in pairs]
-        if len(ratios) > 1:  # trainings are not walks: each is shown, and their mean
-            row |= {"time_over_all": np.mean(ratios), "time_over_all_ci95": None}
-        rows.append(row | {"per_seed": ", ".join(f"{ratio:.3f}" for ratio in ratios)})
-    return {"steps": STEPS[args.sim], "rows": rows}
+        own, complete = (
+            [walked[one, seed, far] for seed in SEEDS[args.sim]] for one in (name, "nothing")
+        )
+        row = common.row_of(common.together(own), name, far, without=name)
+        # Trainings are not walks: each is shown, and their mean.
+        ratios = [common.time_over("", *pair)[""] for pair in zip(own, complete)]
+        per_seed = ", ".join(f"{ratio:.3f}" for ratio in ratios)
+        rows.append(row | {"time_over_all": np.mean(ratios), "per_seed": per_seed})
+    return rows
 
 
 def tuned_for(world):
     """Settings of `baseline_tuned` for near goals in this world, from those of stage 5 on, and a row
     for each generation of the search."""
-    start = vars(evaluate.TUNED_BASELINE[world.sim]).copy()
-    del start["share"]
+    start = baseline.in_use(world.sim)
 
     def walked(drawn, trial):
         goals = {"first": trial, "purpose": "tuning"}
@@ -207,8 +204,8 @@ def judged(sim, name, make_planner, noise, in_a_row, task, **own):
     which of these walks it fell."""
     world = common.world(sim, noise=noise, task=replace(task, in_a_row=in_a_row), **own)
     ended = common.walks(make_planner(), world, first=RUNGS_FIRST)
-    more = {"noise": noise, "in_a_row": in_a_row, "goals_seed": RUNGS_FIRST}
-    return common.row_of(ended, name) | more | {"fell": np.flatnonzero(common.fell(ended))}
+    more = {"noise": noise, "in_a_row": in_a_row, "fell": np.flatnonzero(common.fell(ended))}
+    return common.row_of(ended, name) | more
 
 
 def tuned_there(sim, **own):
@@ -240,17 +237,16 @@ def study_rungs(args):
     """Rows of every rung, or of the one that --rung names beside those that the file has."""
     if args.rung not in (None, *RUNGS):
         raise robot_model.InputError(f"--rung {args.rung}: there are {', '.join(RUNGS)}")
-    path, rows = args.out / "ladder.json", []
-    known = common.read_json(path) if path.is_file() else {}
-    settings = PAPER
+    rows, settings = [], PAPER
     for k, (rung, change) in enumerate(RUNGS.items()):
         settings = settings | change
         if args.rung in (None, rung):
             rows += rows_of_rung(args.sim, k, rung, settings)
-        elif "rungs" in known:
-            rows += common.pick(known["rungs"]["rows"], rung=rung)
+        else:
+            known = common.read_json(args.out / "ladder.json")["rungs"]["rows"]
+            rows += common.pick(known, rung=rung)
     robot_model.save_figure(plot_rungs(rows), args.out / "ladder.rungs.png")
-    return {"steps": STEPS[args.sim], "rows": rows}
+    return rows
 
 
 def cut_off_is_end(model, optimizer, data, cfg):

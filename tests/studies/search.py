@@ -202,16 +202,11 @@ def study(args):
     return [row | {"chosen": row is best} for row in tried]
 
 
-PARTS = {"": study}
-
-
-def table(found):
-    """Markdown of all that were tried."""
-    columns = {"time": 2, "fall": 4, "timeout": 4}
-    columns = {"factor": 2} | {(key, "change"): digits for key, digits in columns.items()}
-    (chosen,) = common.pick(found["rows"], chosen=True)
-    text = f"\nChosen: factor {chosen['factor']}, change {chosen['change']}.\n"
-    return common.table(*common.beside(found["rows"], columns)) + text
+PARTS = {"maps": study}
+COLUMNS = {
+    "maps": {"factor": 2, "change": 2, "time": 2, "fall": 4, "timeout": 4}
+    | {"still_there": 3, "chosen": 0}
+}
 
 
 if __name__ == "__main__":

@@ -24,8 +24,6 @@ FIRST = 190  # evaluation seed of `distances` and of kicks.py
 KINDS = ((False, 0.0), (True, 0.0), (True, 0.4))  # far goals?, pushes [m/s]
 DISTANCES = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0)  # [m]
 GOALS = 200  # at each of them
-FAR = 3.0  # [m] from here on falls are counted together
-EXACT = "policy, without noise"
 
 
 def over_trainings(ours, theirs):
@@ -67,45 +65,22 @@ def walked(sim, policies, sets, opponents, first=POOLED_FIRST, kinds=KINDS, **se
             falls = [evaluate.mcnemar(fell(walks[key]), fell(walks[other])) for key in policies]
             row = {"goal_std_m": common.STD[far], "push": push, "other": other}
             over.append(row | own | {"falls": falls})
-    return {"goals": sets * common.PER_SET, "rows": rows, "over": over}
-
-
-def turn_walk_turn(goals, world):
-    """Time [n] [s] of a plan to goals [n, 3]: turn on the spot, walk straight ahead, or back, with the
-    largest steps, turn again. Each of the three has whole double steps. (A robot that begins with
-    its largest steps falls in both simulators.)
-    """
-    (back, _, inward), (ahead, _, outward) = world.limits.low, world.limits.high
-    turn = outward - inward  # [rad] in a double step
-    (_, yaw, bearing), plans = env.polar(goals), []
-    for length, direction in ((ahead, bearing), (-back, bearing + np.pi)):
-        turns = np.abs(env.wrap(np.stack([direction, yaw - direction]))) / turn
-        way = np.linalg.norm(goals[:, :2], axis=1) / (2 * length)
-        whole = np.ceil(way - 1e-9)  # 25.000000000000004 is 25
-        plans.append(np.ceil(turns).sum(0) + whole)
-    return world.engine.period * np.min(plans, 0)
+    return {"rows": rows, "over": over}
 
 
 def study_distances(args):
-    """Rows of opponents and policy for every distance, with noise; of the policy also without."""
-    policy = common.shipped(args.sim)
-    planners = {**common.opponents(args.sim), "policy": policy, EXACT: policy}
+    """Rows of the policy and its opponents for every distance, with noise."""
+    planners = {**common.opponents(args.sim), "policy": common.shipped(args.sim)}
     far = np.repeat(DISTANCES, GOALS)
     way, yaw = np.random.default_rng(0).uniform(-np.pi, np.pi, (2, len(far)))
     goals = np.column_stack([robot_model.turned([1, 0], way) * far[:, None], yaw])
-    rows, falls = [], {}
-    world = common.world(args.sim, num_robots=len(far))
-    plan = turn_walk_turn(goals, world)
+    world, rows = common.world(args.sim, num_robots=len(far)), []
     for name, planner in planners.items():
-        world.noise = name != EXACT
-        ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, FIRST)) | {"plan": plan}
-        falls[name] = fell(ended)[far >= FAR]
+        ended = evaluate.evaluate(planner, world, evaluate.Trials(goals, FIRST))
         for distance in DISTANCES:
             own = {key: value[far == distance] for key, value in ended.items()}
-            row = common.row_of(own, name, distance=distance)
-            rows.append(row | {"plan": own["plan"][own["outcome"] == "success"].mean()})
-    more = evaluate.mcnemar(falls["policy"], falls["expert"])
-    return {"goals": GOALS, "rows": rows, "falls": {"walks": len(falls["policy"]), **more}}
+            rows.append(common.row_of(own, name, distance=distance))
+    return rows
 
 
 def study_all(args):
@@ -116,7 +91,7 @@ def study_all(args):
 def study_pooled(args):
     """Rows of the shipped policy and its opponents in many walks."""
     policy, others = {None: common.shipped(args.sim)}, common.opponents(args.sim)
-    return {"first_seed": POOLED_FIRST, **walked(args.sim, policy, POOLED_SETS, others)}
+    return walked(args.sim, policy, POOLED_SETS, others)
 
 
 class Watched(env.FootstepWorld):
@@ -163,7 +138,7 @@ def study_estimate(args):
             for axis, e, c in zip(AXES, error, claimed):
                 row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
             rows.append(row)
-    return {"goals": common.PER_SET, "rows": rows}
+    return rows
 
 
 PARTS = {
@@ -185,7 +160,7 @@ END = {
 
 
 COLUMNS = {
-    "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0, "plan": 2},
+    "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
     "estimate": {"filter": 0, "from_m": 1}
@@ -195,21 +170,17 @@ COLUMNS = {
 
 def plot(found, sim):
     """Draws how much later than the policy the others arrive, over the distance of the goal."""
-    rows, goals = found["distances"]["rows"], found["distances"]["goals"]
+    rows = found["distances"]["rows"]
     figure, axes = common.subplots(figsize=(9, 4.5))
     policy = np.array(values(rows, "time_mean", planner="policy"))
-    curves = {}
     for name in dict.fromkeys(values(rows, "planner")):
-        own = pick(rows, planner=name)
-        bars = 1.96 * np.array(values(own, "time_std")) / goals**0.5
-        curves[name] = values(own, "time_mean") - policy, bars
-    curves["a plan: turn, walk, turn"] = values(own, "plan") - policy, None
-    for name, (later, bars) in curves.items():
-        color = common.COLORS.get(name, "0.5" if bars is None else "tab:pink")
+        own, color = pick(rows, planner=name), common.COLORS[name]
+        later = values(own, "time_mean") - policy
+        bars = 1.96 * np.array(values(own, "time_std")) / GOALS**0.5
         axes.errorbar(DISTANCES, later, bars, marker="o", color=color)
         axes.text(DISTANCES[-1] + 0.1, later[-1], name, color=color, va="center")
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
-    axes.set_xlim(-0.1, 8.2)
+    axes.set_xlim(-0.1, 7.5)
     return figure
 
 

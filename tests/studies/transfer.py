@@ -21,9 +21,6 @@ sys.path.append(str(common.ROOT / "tests" / "course" / "starters"))
 import op3
 
 DURATION = "5 minutes on one core"
-OWN, BULLET = "our model", "PyBullet"  # cases of the rows, by name
-PUBLISHED, MENDED = "team's, as published", "team's, mended"
-OFF = "reflex off", "steps off"  # answers of the walk that were switched off in MENDED
 ZEROS = {f"joint zeros, σ {k / 2:g}°": k * env.Spread.zero for k in (2, 4)}  # ours: 0.5°
 SEED = 201  # of the evaluation; no other study uses it
 
@@ -45,7 +42,7 @@ def measure(args, cases):
 def study_zeros(args):
     """Our own model, with zeros of the joints as in training and with larger errors."""
     zeros = {name: {"spread": env.Spread(zero=zero)} for name, zero in ZEROS.items()}
-    return measure(args, {OWN: {}} | zeros)
+    return measure(args, {"our model": {}} | zeros)
 
 
 def study_op3(args):

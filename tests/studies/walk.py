@@ -20,13 +20,13 @@ from common import env, evaluate, robot_model, walk_engine
 from tqdm import tqdm
 
 DURATION = "20 seconds; --limits 2 minutes; --tune an hour, in 3-D"
-# The largest double step that is tried [2, 3] (left and right foot; m, m, rad), which of x, y, yaw
-# it moves, and the speed that we require [m/s, rad/s]. Our choice, from first trials.
+# The largest double step that is tried [2, 3] (left and right foot; m, m, rad), and which of x, y,
+# yaw it moves. Our choice, from first trials.
 DIRECTIONS = {
-    "forward": ([[0.24, 0, 0], [0.24, 0, 0]], 0, 0.42),
-    "backward": ([[-0.20, 0, 0], [-0.20, 0, 0]], 0, 0.38),
-    "sideways": ([[0, 0.16, 0], [0, 0, 0]], 1, 0.26),
-    "turning": ([[0, 0, 0.60], [0, 0, -0.60]], 2, 1.55),
+    "forward": ([[0.24, 0, 0], [0.24, 0, 0]], 0),
+    "backward": ([[-0.20, 0, 0], [-0.20, 0, 0]], 0),
+    "sideways": ([[0, 0.16, 0], [0, 0, 0]], 1),
+    "turning": ([[0, 0, 0.60], [0, 0, -0.60]], 2),
 }
 LEVELS = 8  # step sizes tried per direction
 PATTERN = (1, 1, 1, 1, 0, 0, 1, 1)  # double steps: start, stop, start again
@@ -40,7 +40,7 @@ def speed_plans():
     """Footsteps [4 · LEVELS, 8, 2, 3] of the speed test: every direction at every level."""
     go = np.array(PATTERN)[:, None, None]  # [K, 1, 1]
     shares = (np.arange(LEVELS) + 1) / LEVELS
-    return np.array([share * go * step for step, _, _ in DIRECTIONS.values() for share in shares])
+    return np.array([share * go * step for step, _ in DIRECTIONS.values() for share in shares])
 
 
 def random_robots(rng, count):
@@ -68,7 +68,7 @@ def highest_speed(poses, fall, period):
     # trunk by half of that step only. So a half of twelve steps is missing, and speeds are 4 % too
     # low. This is not so sideways, where the right foot's steps have no length.
     speeds = {}
-    for i, (direction, (_, axis, _)) in enumerate(DIRECTIONS.items()):
+    for i, (direction, (_, axis)) in enumerate(DIRECTIONS.items()):
         rows = slice(i * LEVELS, (i + 1) * LEVELS)
         moved = np.abs(poses[rows, -1, axis] - poses[rows, 0, axis])  # [LEVELS]
         unbroken = np.cumprod(fall[rows] == len(PATTERN))  # 1 up to the first fall, then 0
@@ -76,40 +76,34 @@ def highest_speed(poses, fall, period):
     return speeds
 
 
-def soles(robot, torso, joints):
-    """Ankles [..., 2, 3] and the height of each sole's lowest corner [..., 2], in the world [m]."""
+def lowest(robot, torso, joints):
+    """Height of each sole's lowest corner [..., 2], in the world [m]."""
     points, turns = robot_model.link_frames(robot, torso, joints)
-    ankle, up = points[..., [4, 8], :], turns[..., [4, 8], 2, :]  # up: third row of a foot's R
-    outlines = np.array(
-        [env.sole(robot, side) for side in (0, 1)]
-    )  # [2, 4, 2] seen from the ankles
+    ankle, up = points[..., [4, 8], 2], turns[..., [4, 8], 2, :]  # up: third row of a foot's R
+    outlines = [env.sole(robot, side) for side in (0, 1)]  # [2, 4, 2] seen from the ankles
     corners = np.insert(outlines, 2, -robot.ankle_height, -1)  # [2, 4, 3]
-    return ankle, ankle[..., 2] + (corners @ up[..., None])[..., 0].min(-1)
+    return ankle + (corners @ up[..., None])[..., 0].min(-1)
 
 
-def clearance_and_slip(engine, motion):
-    """Of the n robots that stood through a double step, both feet in turn, [2·n] each [m].
-
-    clearance: how low the lowest corner of the swinging sole comes in the middle of its swing,
-    between 30 and 70 % of it; slip: how far the support foot's ankle moves during this swing.
+def clearance(engine, motion):
+    """How low the lowest corner of the swinging sole comes in the middle of its swing, between 30 and
+    70 % of it: of the n robots that stood through a double step, both feet in turn, [2·n] [m].
     """
     up = ~motion.fell
-    ankle, low = soles(engine.robot, motion.torso[up], motion.joints[up])  # [n, T, 2, 3], [n, T, 2]
+    low = lowest(engine.robot, motion.torso[up], motion.joints[up])  # [n, T, 2]
     step_ticks = engine.parameters.step_ticks
     # A single step of step_ticks ticks: first nobody swings, then one foot does.
     #     tick   0 · · · wait · · · · · · · step_ticks      (the right foot: step_ticks later)
     #            |  both  |     swing      |
     wait = round(engine.parameters.double_support * step_ticks)
     swing = step_ticks - wait
-    clearance, slip = [], []
+    found = []
     for foot in (robot_model.LEFT, robot_model.RIGHT):
         # A motion has no state before its first tick: index i is what tick i + 1 left behind.
         first = foot * step_ticks + wait
         middle = slice(first + round(0.3 * swing) - 1, first + round(0.7 * swing))
-        clearance.append(low[:, middle, foot].min(1))
-        begin, end = (ankle[:, tick, 1 - foot, :2] for tick in (first, first + swing - 1))
-        slip.append(np.hypot(*(end - begin).T))
-    return np.concatenate(clearance), np.concatenate(slip)
+        found.append(low[:, middle, foot].min(1))
+    return np.concatenate(found)
 
 
 def off_plan(planned, poses):
@@ -147,8 +141,7 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     """How well robots with random bodies walk on random floors; a dict of plain numbers.
 
     speeds: per μ of frictions, by direction [m/s, rad/s]; stood: share of `count` robots that walked a
-    random plan without a fall; clearance: median and 5th percentile, and slip: median,
-    of `clearance_and_slip` over all walks [m].
+    random plan without a fall; clearance: median and 5th percentile of `clearance` over all walks [m].
     """
     rng, limits = np.random.default_rng(seed), env.LIMITS[sim]
     straight = speed_plans()
@@ -159,17 +152,15 @@ def measure(sim, parameters, seed=0, frictions=FRICTION, count=PLANS):
     feet = []
 
     def watch(engine, plan, motion):
-        feet.append(clearance_and_slip(engine, motion))
+        feet.append(clearance(engine, motion))
 
     poses, _, fall = walk_engine.walk_plans(sim, parameters, plans, body, gyros, watch)
-    clearance, slip = map(np.concatenate, zip(*feet))
     period = walk_engine.WalkEngine(1, parameters).period
     at_mu = np.arange(len(plans) - count).reshape(-1, len(straight))  # the rows of each μ
     return {
         "speeds": [highest_speed(poses[rows], fall[rows], period) for rows in at_mu],
         "stood": np.mean(fall[-count:] == len(PATTERN)),
-        "clearance": np.percentile(clearance, [50, 5]).tolist(),
-        "slip": np.median(slip),
+        "clearance": np.percentile(np.concatenate(feet), [50, 5]),
     }
 
 
@@ -245,6 +236,7 @@ def tune(world, seed, fixed=(), **how):
     return changed(x), curve
 
 
+CLEARANCE = "clearance, median [mm]", "clearance, 5 % [mm]"
 CELLS, REPEATS = 15, 8  # along each axis of a map, walks in a cell
 X = np.linspace(-0.24, 0.32, CELLS)  # [m]
 MAPS = {  # title: label of the second axis, its values, first and then from (x, second)
@@ -290,18 +282,16 @@ def allowed(steps, limits):
 
 
 def study_limits(args):
-    """The three maps, the random plans, the feet."""
-    found = {}
+    """Rows of the three maps, and of random plans."""
+    rows, limits = [], env.LIMITS[args.sim]
     for title, (_, second, steps) in MAPS.items():
         steps = cells(steps, X, second)
         falls = fall_map(args.sim, steps)
-        found[title] = {
-            "fall_inside": falls[allowed(steps, env.LIMITS[args.sim])].mean(),
-            "fall_anywhere": falls.mean(),
-            "falls": falls.tolist(),
-        }
-    measured = measure(args.sim, walk_engine.TUNED[args.sim], frictions=(), count=RANDOM)
-    return found | {key: measured[key] for key in ("stood", "clearance", "slip")}
+        row = {"map": title, "fall_inside": falls[allowed(steps, limits)].mean()}
+        rows.append(row | {"fall_anywhere": falls.mean(), "falls": falls})
+    walked = measure(args.sim, walk_engine.TUNED[args.sim], frictions=(), count=RANDOM)
+    row = {"map": f"{RANDOM:,} random plans", "fall_inside": 1 - walked["stood"]}
+    return [*rows, row | dict(zip(CLEARANCE, 1000 * walked["clearance"]))]
 
 
 def study_tune(args):
@@ -338,8 +328,8 @@ def study_speeds(args):
         sep="\n",
     )
     print(f"random plans standing {measured['stood']:.2f}")
-    feet = 1000 * np.array([*measured["clearance"], measured["slip"]])
-    print("clearance (median, 5 %), slip [mm]:", feet.round(1))
+    for name, height in zip(CLEARANCE, measured["clearance"]):
+        print(f"{name}: {1000 * height:.1f}")
     for name, off in zip(("mean", "DRIFT"), measure_drift(args.sim)):
         print(f"walked − planned [m, m, rad], {name}:", off.round(4))
 
@@ -347,29 +337,18 @@ def study_speeds(args):
 PARTS = {"limits": study_limits, "tune": study_tune, "speeds": study_speeds}
 
 
-def table(found):
-    """What --limits and --tune have found."""
-    rows = [{"map": title, **found["limits"][title]} for title in MAPS]
-    text = common.table(rows, {"map": 0, "fall_inside": 2, "fall_anywhere": 2})
-    if "tune" in found:
-        columns = {"search": 0, "points": 2, "falls": 0}
-        columns |= dict.fromkeys(["trunk_swing", *SEARCH], 3)
-        text = f"{common.sections(found, {'tune': columns})}\n### limits\n\n{text}"
-    feet = (1000 * value for value in (*found["limits"]["clearance"], found["limits"]["slip"]))
-    return (
-        text
-        + "\nRobots that walk a random plan within the limits without a fall: "
-        "{:.1f} % of {:,}. Clearance of the feet: {:.1f} mm (median), {:.1f} mm (5 %). Slip of the "
-        "support foot: {:.1f} mm.\n".format(100 * found["limits"]["stood"], RANDOM, *feet)
-    )
+COLUMNS = {
+    "tune": {"search": 0, "points": 2, "falls": 0} | dict.fromkeys(["trunk_swing", *SEARCH], 3),
+    "limits": {"map": 0, "fall_inside": 2, "fall_anywhere": 2} | dict.fromkeys(CLEARANCE, 1),
+}
 
 
 def plot(found, sim):
     """Share of falls by colour; inside of the line is what an action can reach."""
     figure, axes = common.subplots(1, 3, figsize=(9, 3.6))
     for axis, (title, (label, second, steps)) in zip(axes, MAPS.items()):
-        falls = found["limits"][title]["falls"]
-        image = axis.pcolormesh(X, second, falls, cmap="Greys", vmin=0, vmax=1)
+        (row,) = common.pick(found["limits"]["rows"], map=title)
+        image = axis.pcolormesh(X, second, row["falls"], cmap="Greys", vmin=0, vmax=1)
         fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
         inside = allowed(cells(steps, fine, other), env.LIMITS[sim])
         axis.contour(fine, other, inside, [0.5], colors="tab:green", linewidths=2)
