@@ -421,9 +421,9 @@ def summary(planner, noise, std, walks):
 
 
 NOTE = """
-Time: mean ± standard deviation, median and 95th percentile of the successes [s]. The paper tells
-neither its goals' σ nor its noise; one double step at the goal seems to suffice there. We chose
-σ = 0.5 m so that `baseline` takes about the paper's time: that it does proves nothing.
+Time: mean ± standard deviation, median, 95th percentile of the successes [s]. The paper tells
+neither σ nor noise, and seems to ask for one double step at the goal. We chose σ = 0.5 m so that
+`baseline` takes as long as there: that it does proves nothing.
 """
 YES = {False: "no", True: "yes"}
 PAPER = {  # Table II, without and with noise; ±: standard deviation of the times

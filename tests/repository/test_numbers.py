@@ -139,7 +139,7 @@ def numbers():
         ],
         "ladder.walk": values(rows("ladder", "walk", world="random floors and bodies"), "fall"),
         "ladder.first": [times / times[0], 6.35 / 11.43, shares],  # the paper's Table II
-        "transfer": [falls(op3), op3[-1]["over_baseline_tuned"], 100, 2],  # of PyBullet; degrees
+        "transfer": [falls(op3), op3[0]["over_baseline_tuned"], 100, 2],  # of PyBullet; degrees
     }
 
 

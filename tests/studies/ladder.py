@@ -389,7 +389,9 @@ def plot_rungs(rows):
             )
     axes.margins(y=0.1)
     axes.invert_yaxis()
-    axes.set(xlim=(0, 12), xlabel="mean time to a near goal [s], 500 walks a point")
+    axes.set(
+        xlim=(0, 12), xlabel="mean time to a near goal [s]; there it must stay for two double steps"
+    )
     axes.legend(loc="lower center")
     return figure
 
