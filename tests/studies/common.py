@@ -139,7 +139,6 @@ HEADS = {
     "over_baseline_tuned": "time ÷ baseline_tuned",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
-    "speed": "Δv [m/s]",
     "distance": "distance [m]",
     "push": "push [m/s]",
     "time_over_all": "time ÷ that with all",

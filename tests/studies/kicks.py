@@ -1,12 +1,11 @@
 """Where does the robot fall? Pushes, other floors, other bodies, other errors.
 
-    python tests/studies/kicks.py [--mujoco] [--only pushes | worlds | steps | unanswered] [--out FOLDER]
+    python tests/studies/kicks.py [--mujoco] [--only worlds | steps | unanswered] [--out FOLDER]
 
-pushes: far goals with noise. A push acts on the torso for 50 ms and would give the torso alone the
-speed Δv. There is one every 3 s on average. All planners meet the same pushes.
 worlds: the shipped policy, which does not observe the world; near and far goals with noise.
 steps: the shipped policy without some of the answers to a push (`reflex`, `capture`, `wait` of stage
-2), on the flat floor.
+2). A push acts for 50 ms and would give the torso alone the speed in the table. There is one every
+3 s on average, the same ones with all answers.
 unanswered: `baseline_tuned` (the policy has learned with the answers) with all of them, with all of
 them switched off, and with a walk that was searched for without them (`ladder.py`). Only in 3-D.
 """
@@ -21,16 +20,6 @@ import seeds
 from common import env, evaluate, pick, robot_model, walk_engine
 
 DURATION = "on one core: 15 minutes; 3-D: 40"
-SPEEDS = (0.0, 0.2, 0.4, 0.6)  # Δv [m/s]
-
-
-def study_pushes(args):
-    """Rows of every planner at every Δv, on far goals."""
-    planners, rows = {"policy": common.shipped(args.sim), **common.opponents(args.sim)}, []
-    for speed in SPEEDS:
-        how = True, 1, seeds.FIRST, {"push": speed}
-        rows += common.measured(args.sim, planners, *how, speed=speed)
-    return rows
 
 
 class Slow:
@@ -137,7 +126,6 @@ def study_unanswered(args):
 
 PARTS = {
     "steps": study_steps,
-    "pushes": study_pushes,
     "worlds": study_worlds,
     "unanswered": study_unanswered,
 }
@@ -145,7 +133,6 @@ ONLY_3D = ("unanswered",)
 
 
 COLUMNS = {
-    "pushes": {"speed": 1, ("fall", "planner"): 3, ("time_mean", "planner"): 2},
     "worlds": {"world": 0, "planner": 0, ("falls", "goal_std_m"): 0}
     | {("time_mean", "goal_std_m"): 2},
     "steps": {"push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
