@@ -129,6 +129,11 @@ def test_what_a_failing_test_says_is_freed_from_what_pytest_and_numpy_add(messag
     assert grading.hint(report) == said
 
 
+def test_an_exercise_without_any_result_is_not_solved(tmp_path, capsys):
+    assert grading.tell(tmp_path, [BOOK["wrap"]], {}, {})
+    assert "0 of 1 exercises solved" in capsys.readouterr().out
+
+
 @pytest.mark.slow
 def test_wrong_solutions_are_rejected_with_words_that_fit_and_right_and_rounded_ones_accepted():
     cases = [*referee.written(), *referee.ours_rounded()]
