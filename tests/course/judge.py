@@ -21,6 +21,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import traceback
 from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import closing, nullcontext, suppress
 from hashlib import sha256
@@ -136,8 +137,8 @@ def serve(pipe, file):
                 answer += env.checked("actions", actions, len(argument.robots), 6).tobytes()
             pipe.send_bytes(answer)
     except BaseException as error:
+        traceback.print_exc()  # for who has started the judge, which then ends this process
         pipe.send_bytes(f"{type(error).__name__}: {error}".encode(errors="replace"))
-        raise  # the traceback is for who has started the judge
 
 
 class Contestant:
