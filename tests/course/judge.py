@@ -210,7 +210,7 @@ def read_arguments():
     add("files", nargs="*", type=Path, metavar="FILE.py or FOLDER")
     add("--seed", type=int, nargs="+", default=[0, 1], dest="seeds")
     add("--episodes", type=int, default=500)
-    add("--patience", type=float, default=20, help="[s] for a decision")
+    add("--patience", type=float, default=20)  # [s] for a decision
     add("--out", type=Path, default=ROOT / "runs" / "contest")
     parser.set_defaults(seed=0)
     args = parser.parse_args()
@@ -238,7 +238,7 @@ def main():
     found = {}
     notes = ""
     for number, name in enumerate(entrants, 1):
-        print(f"{name} walks (planner {number} of {len(entrants)})", flush=True)
+        print(f"{name} walks (planner {number} of {len(entrants)})")
         try:
             with (
                 nullcontext(field[name])
