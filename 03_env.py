@@ -507,15 +507,15 @@ def one_line_if_it_exits(file):
 
 
 def names_in(path, **wanted):
-    """The values of these names, of these types, that a file of your own defines. Errors in the
-    file keep their own traceback."""
+    """The values of these names, of these types, in a file of your own, which may import, at its
+    top, what lies beside it. Errors in it keep their own traceback."""
     if path.suffix != ".py" or not path.is_file():
         raise InputError(f"{path}: no such .py file (--policy takes a policy.pt)")
-    modules, folder = set(sys.modules), str(path.resolve().parent)
-    sys.path.append(folder)  # last: it may import what lies beside it
+    modules, places = set(sys.modules), sys.path[:]
+    sys.path.append(str(path.resolve().parent))  # last: it may import what lies beside it
     with one_line_if_it_exits(path):
         found = runpy.run_path(str(path), run_name=path.as_posix())
-    sys.path.remove(folder)  # the next file may have another tools.py beside it
+    sys.path[:] = places  # the next file may have another tools.py beside it
     for name in set(sys.modules) - modules:
         if path.with_name(f"{name}.py").is_file():
             del sys.modules[name]

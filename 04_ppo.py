@@ -388,11 +388,11 @@ def first_model(envs, cfg, make_model):
 # ------------------------------------------------------------------------ files
 def as_json(value):
     """The value as numbers, texts, lists and dicts. (numpy's could be written, but not be read.)"""
-
-    def inside(part):
-        return part.tolist() if hasattr(part, "tolist") else vars(part)
-
-    return json.loads(json.dumps(value, default=inside))
+    return json.loads(
+        json.dumps(
+            value, default=lambda part: part.tolist() if hasattr(part, "tolist") else vars(part)
+        )
+    )
 
 
 def fingerprint(world):

@@ -45,7 +45,7 @@ env = import_module("03_env")
 ppo = import_module("04_ppo")
 InputError = robot_model.InputError
 OUTCOMES = ("success", "timeout", "fall")
-FIGURE_GOALS = [[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]]  # x, y [m], yaw [rad]; our choice
+FIGURE_GOALS = np.array([[0.9, 0.5, 1.6], [-0.7, -0.6, -2.6]])  # x, y [m], yaw [rad]; our choice
 
 
 # ------------------------------------------------------------------------ trials
@@ -552,8 +552,8 @@ def choose_planners(world, policies, files=()):
 
 # ------------------------------------------------------------------------ pictures
 def plot_footsteps(world, planners, trials, path):
-    """Draws the paper's Fig. 3: walks to the same goals; with the last planner that
-    you chose and with both baselines."""
+    """Draws the paper's Fig. 3: walks to the same goals with the last planner that you chose, and
+    with both baselines."""
     figure = Figure(figsize=(9, 4.2))
     axes = figure.subplots(1, 3, sharex=True, sharey=True)
     for panel, (name, planner) in zip(axes, [*planners.items()][-3:]):
@@ -642,10 +642,10 @@ def main(argv=None):
     robot_model.write_text(out / "evaluation.json", json.dumps(content, indent=1) + "\n")
     robot_model.write_text(out / "table.md", text)
     write_trials(out / "trials.csv", blocks, results)
-    plot_footsteps(
-        world, planners, Trials(np.array(FIGURE_GOALS), args.seed), out / "footsteps.png"
+    plot_footsteps(world, planners, Trials(FIGURE_GOALS, args.seed), out / "footsteps.png")
+    print(
+        f"Two walks: footsteps.png, in {out}. To see one: python tests/studies/play.py{' --mujoco' * (args.sim == 'mujoco')}"
     )
-    print(f"To see it walk: python tests/studies/play.py. Two walks: footsteps.png, in {out}")
 
 
 if __name__ == "__main__":

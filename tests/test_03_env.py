@@ -666,7 +666,9 @@ def test_names_in_a_file_of_one_s_own(own_file):
     assert mine().number == 7 and robot == ROBOT, "it may import what lies beside it"
 
 
-def test_each_file_has_its_own_helpers_and_does_not_move_us_to_another_folder(tmp_path):
+def test_each_file_has_its_own_helpers_and_changes_neither_our_folder_nor_our_path(
+    tmp_path, monkeypatch
+):
     here = os.getcwd()
     for owner in "ada", "bob":
         mine = tmp_path / owner / "mine.py"
@@ -675,6 +677,10 @@ def test_each_file_has_its_own_helpers_and_does_not_move_us_to_another_folder(tm
         mine.write_text("import os, tools; OWNER = tools.OWNER; os.chdir('/')", "utf-8")
         assert env.names_in(mine, OWNER=str) == [owner], "the second one has the first one's tools"
     assert os.getcwd() == here, "results are written where the script was started"
+    monkeypatch.syspath_prepend(mine.parent)  # as if it lay beside our script
+    places = sys.path[:]
+    env.names_in(mine, OWNER=str)
+    assert sys.path == places, "what is imported later is looked for as before"
 
 
 @pytest.mark.parametrize("line, said", [
