@@ -129,8 +129,8 @@ class RobotModel:
     joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
     joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)
     # [N m s/rad] back-EMF: a turning motor is a generator, too, and brakes itself. So in MuJoCo it
-    # has a speed limit: at 5.76 rad/s 10 − 1.23·5.76 − 2.55 = 0.37 N m are left (knee, 3.87 rad/s:
-    # 0.11 N m).
+    # has a speed limit: of the torque limit − damping·speed − stiction nearly nothing is left at
+    # `speed_limit`, below.
     damping: tuple = (1.23, 1.23, 1.23, 2.92, 1.23, 1.23)
     stiction: tuple = (2.55, 2.55, 2.55, 1.49, 2.55, 2.55)  # [N m] dry friction
     armature: float = 0.01  # [kg m²] inertia of a motor's rotor, seen through the gears; our choice
@@ -696,7 +696,7 @@ class PymunkSim(Simulator):
         space.collision_slop = 0.0005  # [m] pymunk's own value is meant for pixels
         # The segment lies 1 m below z = 0 and has a radius of 1 m: its upper side is z = 0.
         ground = pymunk.Segment(space.static_body, (-1e4, -1), (1e4, -1), 1)
-        ground.friction = friction  # pymunk MULTIPLIES both μ; the other one is 1
+        ground.friction = friction  # pymunk MULTIPLIES it by the sole's
         space.add(ground)
         origins, _ = link_frames(robot, torso, joints)  # [9, 3]
         points = origins[self.LINKS][:, [0, 2]].tolist()  # [7, 2] x, z

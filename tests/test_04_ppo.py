@@ -159,12 +159,9 @@ def test_first_policy_is_around_first_action(first, concentration):
         pi = model.policy(torch.randn(100, 4))
     # Var = m·(1 − m) / (α + β + 1) at the mean m
     total = pi.mean * (1 - pi.mean) / pi.variance - 1
-    hint = (
-        "the bias must be first logit(m) of all variables, then softplus⁻¹(c−2) of all, with "
-        f"softplus⁻¹(w) = ln(eʷ − 1); last weights small (for first_action = {first})"
-    )
-    close(total, concentration, hint, rtol=0.05)
-    close(pi.mode, np.broadcast_to(first, (100, 3)), hint, atol=0.02)
+    half = "the last weights are small, and this half of the bias undoes what `policy` does to it: "
+    close(total, concentration, half + "the second, for α + β", rtol=0.05)
+    close(pi.mode, np.broadcast_to(first, (100, 3)), half + "the first, for the mode", atol=0.02)
 
 
 def test_layers_begin_with_orthogonal_rows_or_columns():

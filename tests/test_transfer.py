@@ -1,5 +1,6 @@
 """The study `transfer`: joints whose zeros are wrong, and another robot."""
 
+import json
 from argparse import Namespace
 
 import common
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import transfer
 import walk
-from common import evaluate, walk_engine
+from common import evaluate, ppo, walk_engine
 
 
 @pytest.mark.shipped
@@ -15,15 +16,12 @@ def test_rows_become_a_table(monkeypatch):
     ended = {"outcome": np.array(["success"] * 2)}
     ended |= {name: np.ones(2) for name in ("time", "steps", "still_there")}
     monkeypatch.setattr(common, "walks", lambda *_: ended)
-    args = Namespace(sim="mujoco", walks=2, brief=False)
+    args = Namespace(sim="mujoco", walks=2)
     found = {part: {"rows": study(args)} for part, study in transfer.PARTS.items()}
     assert "OP3" in common.tables(transfer, found)
     rows = [row for part in found.values() for row in part["rows"]]
     assert {(row["success"], row["episodes"]) for row in rows} == {(1, 2)}
-    args.brief = True
-    rows = transfer.study_zeros(args)
-    assert len(rows) == 6 and {row["planner"] for row in rows} == {"policy"}, "lesson 11 reads six"
-    assert "÷" not in common.table(rows, transfer.COLUMNS["zeros"]), "no empty columns"
+    json.dumps(ppo.as_json(found), allow_nan=False)  # of so few walks there is no interval
 
 
 def test_the_robot_of_a_file_walks_and_a_search_begins_at_its_walk(monkeypatch):

@@ -40,9 +40,11 @@ def forces(floor):
     x, _, z = robot_model.centre_of_mass(ROBOT, *POSE)[0]
     toe, width = ROBOT.foot_front, ROBOT.friction * z
     floor.fill([toe, toe - width, toe + width], [0, z, z], "g", alpha=0.3)
-    floor.plot([toe, x], [0, z], "ko-")
-    floor.text(toe, 0.3, "friction cone")
-    floor.set_xlim(-0.25, 1)
+    floor.plot([toe, x, x, toe], [0, z, 0, 0], "ko-")
+    floor.text(x - 0.04, z / 2, "h")
+    floor.text(toe / 2, -0.04, "d")
+    floor.annotate("F", (x, z), (x + 0.25, z), arrowprops=ARROW, va="center")
+    floor.set_xlim(right=1)
     speed = torch.tensor([0, ROBOT.speed_limit[2]])
     motor = floor.inset_axes([0.6, 0.15, 0.4, 0.8])
     motor.plot(speed, ROBOT.torque_limit[2] - ROBOT.stiction[2] - ROBOT.damping[2] * speed)

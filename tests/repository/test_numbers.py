@@ -97,7 +97,7 @@ def numbers():
         part: values(study("seeds", part)["over"], "ratio", push=0.0, other="baseline_tuned")
         for part in ("pooled", "seeds")
     }
-    first = rows("ladder", "rungs", rung="the paper's", noise=True, in_a_row=1)
+    first = rows("ladder", "rungs", rung="the paper's", in_a_row=1)
     times = np.array(values(first, "time_mean"))
     op3 = rows("transfer", "op3", push=0.0)
     return {

@@ -5,7 +5,7 @@
 paper: the paper's baseline, with which the others are compared.
 baseline_tuned: the same controller, but both feet share its steps.
 expert: `tests/studies/expert.py`.
-policy: the trained policies on the same walks. The figure shows times and falls of all.
+policy: the trained policies on the same walks. baseline.png shows times and falls of all.
 
 An evolution strategy (`common.cma_es`) searches the logarithms of eight settings. Each search may
 take as many double steps as the training of a policy, and there are three of them, which begin at
@@ -171,14 +171,10 @@ COLUMNS = {
 
 
 def plot(found, sim):
-    """Draws time over falls, without pushes and with them: what speed costs. Below: the searches."""
-    figure, (above, below) = common.subplots(2, 2, figsize=(9, 8), sharey="row")
-    for axes, part in zip(below, ("baseline_tuned", "expert")):
-        if part in found:
-            common.draw_search(axes, found[part]["curve"])
-        axes.set_title(f"search for {part}")
+    """Draws time over falls, without pushes and with them: what speed costs."""
+    figure, panels = common.subplots(1, 2, figsize=(9, 4), sharey=True)
     titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
-    for axes, (key, title), most in zip(above, titles.items(), (MAX_FALLS, MAX_PUSHED)):
+    for axes, (key, title), most in zip(panels, titles.items(), (MAX_FALLS, MAX_PUSHED)):
         axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
         axes.set(xlabel=f"falls: {title}", title=f"dashed: the rule's limit, {100 * most} %")
         for part, marker in SHOWN.items():
@@ -188,9 +184,12 @@ def plot(found, sim):
                 look = {"color": common.COLORS[part], "fillstyle": fill, "ms": 8}
                 look |= {"ms": 14, "label": part} if row["chosen"] else {}
                 axes.plot(100 * row[key], row["time"], marker, **look)
-    above[0].set_ylabel("mean time, near and far [s]")
-    above[0].legend(loc="upper right")
+    panels[0].set_ylabel("mean time, near and far [s]")
+    panels[0].legend(loc="upper right")
     return figure
+
+
+PICTURES = {"baseline": ("paper", plot), "baseline.search": ("expert", common.plot_searches)}
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
 numbers, or a dict with `rows` and more; some ONLY_3D), COLUMNS of a table for each part or `table` (Markdown of all
-numbers), and mostly `plot`. It writes NAME.json, NAME.md and NAME.png. A part is written as soon as
+numbers), and mostly PICTURES (of which part, and what draws them). It writes NAME.json, NAME.md and pictures. A part is written as soon as
 it is finished; --only measures one part again. What the numbers say is written by hand into the
 pages; `test_numbers.py` compares its numbers.
 """
@@ -31,18 +31,19 @@ evaluate = import_module("05_evaluate")
 COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
-    "baseline": "Above: near and far goals, 2,000 walks a mark, or 1,000 far ones with pushes. A full "
+    "baseline": "Near and far goals, 2,000 walks a mark, and 1,000 far ones with pushes. A full "
     "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. "
-    "Large: chosen. Whoever is quicker with as few falls is farther down. Below each line is a "
-    "search: the least mean of a generation of 12 candidates so far.",
+    "Large: chosen. Whoever is quicker with as few falls is farther down.",
+    "baseline.search": "Each line is a search: the least mean of a generation of 12 candidates so far. "
+    "Points are seconds; falls and time-outs have a price.",
     "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. Compare each answer "
     "that is left out with all of them. In open loop, which lacks the reflex, too, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
-    "ladder.rungs": "Each rung changes one thing, from the paper's system (above) to ours (below); a point is one "
-    "training. See on which rung the time halves, and how far `baseline` gets if it is only tuned.",
-    "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, and "
-    "where it ends.",
+    "ladder.rungs": "From the paper's system (above) to ours (below); a point is one training. See on which rung "
+    "the time halves, and how far `baseline` gets if it is only tuned.",
+    "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, "
+    "and where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
     "0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
@@ -96,17 +97,21 @@ def publish(study, part, args):
     found = ppo.as_json((read_json(path) if path.is_file() else {}) | {part: found})
     text = json.dumps(found, indent=1, ensure_ascii=False, allow_nan=False)
     robot_model.write_text(path, text + "\n")
-    if hasattr(study, "plot") and [*study.PARTS][0] in found:  # it shows the first one
-        robot_model.save_figure(study.plot(found, args.sim), path.with_suffix(".png"))
+    for name, (shown, draw) in getattr(study, "PICTURES", {}).items():
+        if shown in found:
+            robot_model.save_figure(draw(found, args.sim), args.out / f"{name}.png")
     robot_model.write_text(path.with_suffix(".md"), page(study, found, path))
     print(f"\n{tables(study, found)}\nwritten to {args.out}")
 
 
 def page(study, found, path):
-    """The text of a study's page: the tables of its numbers, and the pictures beside them."""
+    """The text of a study's page: what it asks, the tables of its numbers, and its pictures."""
+    question, name = study.__doc__.partition("\n")[0], path.stem
+    link = f"[{name}.py](../../../tests/studies/{name}.py)"
+    head = f"# {question}\n\nMeasured by {link}: its head tells what, its constants seeds and goals.\n\n"
     pictures = sorted(path.parent.glob(f"{path.stem}*.png"))
     shown = (f"\n![{p.stem}]({p.name})\n*{CAPTIONS[p.stem]}*\n" for p in pictures)
-    return "".join([tables(study, found), *shown])
+    return "".join([head, tables(study, found), *shown])
 
 
 def tables(study, found):
@@ -284,9 +289,10 @@ def row_of(ended, name, far=False, **more):
 
 def time_over(name, ended, reference):
     """The mean time relative to that of other walks to the same goals, and its interval, under this
-    name; None: no goal was reached in both."""
+    name; None: too few goals were reached in both."""
     ratio = evaluate.time_ratio(ended, reference)
-    return {f"{name}{end}": ratio.get(f"time_ratio{end}") for end in ("", "_ci95")}
+    found = {end: ratio.get(f"time_ratio{end}", np.nan) for end in ("", "_ci95")}
+    return {f"{name}{end}": None if np.isnan(x).any() else x for end, x in found.items()}
 
 
 def subplots(*shape, figsize, **shared):
@@ -361,13 +367,19 @@ def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
     return cma_es(costs, mean, spread, CANDIDATES, np.random.default_rng(seed), low, high), rows
 
 
-def draw_search(axes, curve):
-    """Draws for each restart the least mean points of a generation so far."""
-    for restart in dict.fromkeys(values(curve, "restart")):
-        own = pick(curve, restart=restart)
-        steps = np.array(values(own, "steps")) / 1000
-        axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
-    axes.set(xlabel="double steps [thousands]", ylabel="points, the best so far [s]")
+def plot_searches(found, sim):
+    """Draws for each search of every part the least mean points of a generation so far."""
+    parts = [part for part in found if "curve" in found[part]]
+    figure, panels = subplots(1, len(parts), figsize=(9, 4), sharey=True, squeeze=False)
+    for axes, part in zip(panels[0], parts):
+        curve = found[part]["curve"]
+        for restart in dict.fromkeys(values(curve, "restart")):
+            own = pick(curve, restart=restart)
+            steps = np.array(values(own, "steps")) / 1000
+            axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
+        axes.set(title=part, xlabel="double steps [thousands]")
+    panels[0, 0].set_ylabel("points, the best so far [s]")
+    return figure
 
 
 def calm_and_pushed(planners, worlds, trial):

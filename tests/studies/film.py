@@ -19,7 +19,7 @@ from play import PushedWorld, pictures
 from tqdm import tqdm
 
 DURATION = "two minutes"
-WINDOW = -0.3, 1.35, -0.3, 0.95  # what the film shows, from left to right, from below to above [m]
+WINDOW = -0.3, 1.35, -0.2, 0.9  # what the film shows, from left to right, from below to above [m]
 FOOTSTEPS = np.array([[[0.12, 0.05, 0.35], [0.1, 0.02, -0.1]]])  # of double_step.png [m, m, rad]
 LOOP = {  # from the goal to the robot's motion: which stage does what
     "goal": "stage 3\n\nx, y, yaw\nmeasured\n5 cm, 3° off",
@@ -50,19 +50,27 @@ def loop(sim):
 
 
 def planners(sim):
-    """How long the robot takes with README's planners."""
-    rows = common.read_json(RESULTS / sim / "evaluation.json")["rows"]
-    figure, axes = common.subplots(figsize=(9, 3.2))
+    """How long the robot takes with README's planners, and how much longer than with the policy."""
+    found = common.read_json(RESULTS / sim / "evaluation.json")
+    figure, (left, right) = common.subplots(1, 2, figsize=(9, 3.2), sharey=True)
     for y, name in enumerate(common.WHAT):
-        near, far = common.pick(rows, planner=name, noise=True)
-        for row, at, color in (near, y - 0.2, "purple"), (far, y + 0.2, "plum"):
-            time, bar = row["time_mean"], 1.96 * row["time_std"] / row["episodes"] ** 0.5
-            axes.barh(at, time, 0.4, xerr=bar, color=color)
-            axes.text(time + 1, at, f"{time:.1f}", va="center")
-    axes.legend(axes.containers[1:4:2], ("near goals", "far goals"), loc="center right")
-    axes.set_yticks(range(y + 1), common.WHAT)
-    axes.invert_yaxis()
-    axes.set(xlim=(0, 21), xlabel="mean time to the goal with noise [s]; line: its 95 % interval")
+        rows = common.pick(found["rows"], planner=name, noise=True)
+        ratios = common.pick(found["ratios"], reference=name, noise=True)
+        for k, color in enumerate(("purple", "plum")):
+            at, time = y + 0.4 * k - 0.2, rows[k]["time_mean"]
+            left.barh(at, time, 0.4, color=color)
+            left.text(time + 0.3, at, f"{time:.1f}", va="center")
+            for row in ratios[k : k + 1]:  # of the policy itself there is none
+                more, *ends = (100 / x - 100 for x in (row["time_ratio"], *row["time_ratio_ci95"]))
+                right.plot(ends, [at, at], color, lw=3)
+                right.plot(more, at, "o", color=color)
+                right.text(min(max(ends) + 0.4, 12.5), at, f"+{more:.0f} %", va="center")
+    right.axvline(0, color="k")
+    left.legend(left.containers[:2], ("near goals", "far goals"), loc="center right")
+    left.set_yticks(range(y + 1), common.WHAT)
+    left.invert_yaxis()
+    left.set(xlim=(0, 23), xlabel="mean time to the goal [s]")
+    right.set(xlim=(-1, 15), xlabel="longer than the policy [%]; line: 95 % interval")
     return figure
 
 
@@ -79,28 +87,31 @@ def double_step(sim):
     figure, panels = common.subplots(1, 2, figsize=(9, 5), sharex=True, sharey=True)
     feet = [*engine.foot_poses[0]]  # where they stand: left, right
     landings = engine.landings(feet[1][None], FOOTSTEPS)
+    x, y, _ = np.array([limits.low, limits.high]).T  # least and most
+    corners = np.column_stack([x[[0, 1, 1, 0]], y[[0, 0, 1, 1]], np.zeros(4)])
     for side, (axes, name, (landing,)) in enumerate(zip(panels, ("left", "right"), landings)):
         color, support = robot_model.COLORS[side], feet[1 - side]
         usual = robot_model.compose(support, engine.beside[side])
-        (back, inward, _), (ahead, outward, _) = limits.low, limits.high
-        corners = [[back, inward, 0], [ahead, inward, 0], [ahead, outward, 0], [back, outward, 0]]
-        words = [[(back + ahead) / 2, 0.9 * outward, 0]]
-        seen = robot_model.compose(usual, (corners + words) * walk_engine.MIRROR[side])[:, :2]
-        axes.fill(*seen[:4].T, fc="0.93", ec="0.6", ls="--", zorder=0)
-        axes.text(*seen[4], "ankle may land here", color="0.4", ha="center", va="center")
+        allowed = robot_model.compose(usual, corners * walk_engine.MIRROR[side])
+        axes.fill(*allowed.T[:2], fc="0.93", ec="0.6", ls="--", zorder=0)
+        axes.text(
+            *np.average(allowed, 0, [1, 1, 6, 6])[:2],
+            "ankle may land here",
+            color="0.4",
+            ha="center",
+        )
         draw_sole(axes, feet[side], side, fc="none", ls=":")
         draw_sole(axes, landing, side, fc=color, alpha=0.4)
         draw_sole(axes, support, 1 - side, fc=robot_model.COLORS[1 - side], alpha=0.8)
-        for end, axis in ([0.11, 0, 0], "x"), ([0, 0.11, 0], "y"):
-            tip = robot_model.compose(support, np.array(end))[:2]
+        for letter, end in zip("xy", 0.11 * np.eye(2, 3)):
+            tip = robot_model.compose(support, end)[:2]
             look = {"arrowprops": {"arrowstyle": "<-"}, "ha": "center", "va": "center"}
-            axes.annotate(axis, support[:2], tip, **look)
-        arrow = {"arrowstyle": "->", "color": color, "connectionstyle": "arc3,rad=0.2"}
+            axes.annotate(letter, support[:2], tip, **look)
+        arrow = {"arrowstyle": "->", "color": color}
         axes.annotate("", landing[:2], feet[side][:2], arrowprops=arrow)
         axes.plot(*usual[:2], "k+", ms=10)
-        x, y, yaw = FOOTSTEPS[0, side]
-        title = f"the {name} foot, off its usual place:\n({x:+.2f} m, {y:+.2f} m, {yaw:+.2f} rad)"
-        axes.set_title(title, color=color)
+        step = "{:+.2f} m, {:+.2f} m, {:+.2f} rad".format(*FOOTSTEPS[0, side])
+        axes.set_title(f"the {name} foot, off its usual place:\n({step})", color=color)
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         feet[side] = landing
     return figure
@@ -156,8 +167,7 @@ def main(argv=None):
         raise robot_model.InputError("the film shows the robot in 3-D: add --mujoco")
     for draw in PICTURES:
         robot_model.save_figure(draw(args.sim), args.out / f"{draw.__name__}.png")
-    figure, panels = common.subplots(1, 3, figsize=(9, 3.1))
-    figure.supxlabel("2 × speed; squares of 0.25 m")
+    figure, panels = common.subplots(1, 3, figsize=(9, 2.6))
     save(figure, training(panels, args.sim), args.out / "learning.gif")
     print("Look at", args.out)
 

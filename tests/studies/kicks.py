@@ -50,6 +50,11 @@ def ground(mu):
     return {"robot": robot_model.RobotModel(friction=mu), "spread": env.Spread(friction=0.0)}
 
 
+def motors(**settings):
+    """Settings of a world with another robot model."""
+    return {"robot": robot_model.RobotModel(**settings)}
+
+
 TRAINED, SLOW = "as trained", "noise of the goal lasts for seconds"
 WORLDS = {  # settings of the world
     TRAINED: {},
@@ -60,6 +65,17 @@ WORLDS = {  # settings of the world
     "a gyro ten times worse": {"spread": env.Spread(gyro=0.5), "task": env.Task(imu_rad_s=1.0)},
     SLOW: {"kind": SlowNoise},
     "exact joint zeros (σ 0.5°)": {"spread": env.Spread(zero=0.0)},
+    "a four times finer time step": motors(substeps=8),
+    "servo gain 150 N m/rad (300)": motors(stiffness=150.0),
+    "servo gain 75 N m/rad, for 30 s": motors(stiffness=75.0) | {"task": env.Task(time_limit=30.0)},
+    # wolfgang_mjx_feetonly_backlash.xml of bit-bots/mujoco_playground, without its play
+    "motors of the team's model for learning": motors(
+        stiffness=20.5,
+        torque_limit=(8.0,) * 6,
+        damping=(1.7,) * 6,
+        stiction=(0.1,) * 6,
+        armature=0.025,
+    ),
 }
 
 
@@ -155,6 +171,9 @@ def plot(found, sim):
         axes.set(title=f"pushed by {push} m/s", xlabel="falls [% of the walks]", xlim=(0, 115))
     panels[0].set_yticks(range(len(ANSWERS)), reversed(ANSWERS))
     return figure
+
+
+PICTURES = {"kicks": ("steps", plot)}
 
 
 def answers_table(rows):

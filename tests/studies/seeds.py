@@ -13,6 +13,8 @@ estimate: how large are the errors of the estimated goal, and how large are thos
 claims? Also for a simpler filter.
 """
 
+from itertools import product
+
 import common
 import numpy as np
 from common import env, evaluate, fell, pick, robot_model, values
@@ -95,7 +97,7 @@ def study_pooled(args):
 
 
 class Watched(env.FootstepWorld):
-    """Stores for every view the squared errors, the claimed variances, and the distance."""
+    """Stores for every view the squared errors, the claimed variances, distance and double steps."""
 
     def __init__(self, *args, independent, **settings):
         super().__init__(*args, **settings)
@@ -112,7 +114,8 @@ class Watched(env.FootstepWorld):
         error = view.goal - goal
         error[:, 2] = env.wrap(error[:, 2])
         claimed = np.diagonal(self.covariance[robots], axis1=1, axis2=2)
-        self.seen.append(np.column_stack([error**2, claimed, env.polar(goal)[0]]))
+        numbers = error**2, claimed, env.polar(goal)[0], self.steps[robots]
+        self.seen.append(np.column_stack(numbers))
         return view
 
 
@@ -125,16 +128,17 @@ AXES = {"x": "m", "y": "m", "yaw": "rad"}
 
 
 def study_estimate(args):
-    """Rows, by distance: the root mean square error, and its ratio to what the filter claims."""
+    """Rows, by distance: the root mean square error, and its ratio to what the filter claims; of all
+    measurements, and of those after the second double step (the first ones are surer)."""
     policy, rows = common.shipped(args.sim), []
     for name, settings in FILTERS.items():
         world = common.world(args.sim, Watched, **settings)
         common.walks(policy, world, far=True)
-        squares = np.concatenate(world.seen)  # [K, 7]
-        for first, last in zip(RINGS, RINGS[1:]):
-            ring = (squares[:, 6] >= first) & (squares[:, 6] < last)
+        squares = np.concatenate(world.seen)  # [K, 8]
+        for steps, (first, last) in product((0, 2), zip(RINGS, RINGS[1:])):
+            ring = (squares[:, 6] >= first) & (squares[:, 6] < last) & (squares[:, 7] >= steps)
             error, claimed = np.sqrt(squares[ring, :6].mean(0)).reshape(2, 3)
-            row = {"filter": name, "from_m": first}
+            row = {"filter": name, "from_step": steps, "from_m": first}
             for axis, e, c in zip(AXES, error, claimed):
                 row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
             rows.append(row)
@@ -163,7 +167,7 @@ COLUMNS = {
     "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0},
     "seeds": {**START, "seed": 0, **END},
     "pooled": START | END,
-    "estimate": {"filter": 0, "from_m": 1}
+    "estimate": {"filter": 0, "from_step": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }
 
@@ -182,6 +186,9 @@ def plot(found, sim):
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
     axes.set_xlim(-0.1, 7.5)
     return figure
+
+
+PICTURES = {"seeds": ("distances", plot)}
 
 
 if __name__ == "__main__":

@@ -311,10 +311,6 @@ def study_tune(args):
         rows.append(row | vars(parameters))
     if args.robot:
         return None
-    figure, axes = common.subplots(figsize=(8, 4))
-    common.draw_search(axes, curve)
-    axes.set_title("Three searches for the walk")
-    robot_model.save_figure(figure, args.out / "walk.tune.png")
     return {"rows": rows, "curve": curve}
 
 
@@ -356,6 +352,9 @@ def plot(found, sim):
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
     figure.colorbar(image, ax=axes, label="share of falls in 8 double steps")
     return figure
+
+
+PICTURES = {"walk": ("limits", plot), "walk.tune": ("tune", common.plot_searches)}
 
 
 FLAGS = {

@@ -22,7 +22,7 @@ if __name__ == "__main__":
         if goals == 0 and np.hypot(*view.goal[0, :2]) < 0.3:  # near enough, as it believes
             goals = 1
             world.set_goal(robots, WAY[1:])
-            view = world.view(robots)
+            continue
         result = world.step(model.decide(view.observation), robots)
         nearest = min(nearest, np.hypot(*(world.pose[0, :2] - DISC[:2])) - DISC[2])
         if result["fall"] or goals and result["success"]:
