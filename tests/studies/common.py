@@ -142,6 +142,7 @@ HEADS = {
     "time": "time [s]",
     "time_mean": "time [s]",
     "over_baseline_tuned": "time ÷ baseline_tuned",
+    "over_baseline_scaled": "time ÷ baseline_scaled",
     "over_expert": "time ÷ expert",
     "seed": "training seed",
     "distance": "distance [m]",

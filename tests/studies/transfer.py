@@ -37,8 +37,8 @@ def measure(args, cases, **more):
     for case, settings in cases.items():
         how = {"kinds": seeds.KINDS[1:], "num_robots": args.walks, **settings}  # far goals
         found = seeds.walked(args.sim, policy, 1, opponents, SEED, **how)
-        # The policy, which comes last there, has the ratios of a line of the table.
-        rows += [{"case": case} | row for row in reversed(found["rows"])]
+        found["rows"].sort(key=lambda row: (row["push"], row["planner"] != "policy"))
+        rows += [{"case": case} | row for row in found["rows"]]
     return rows
 
 
@@ -65,7 +65,7 @@ PARTS = ONLY_3D = {"zeros": study_zeros, "op3": study_op3}
 
 
 SHOWN = {"case": 0, "push": 1, ("success", "planner"): 3, ("falls", "planner"): 0}
-SHOWN |= {("time_mean", "planner"): 2, "over_baseline_tuned": 3}
+SHOWN |= {("time_mean", "planner"): 2, "over_baseline_tuned": 3, "over_baseline_scaled": 3}
 COLUMNS = dict.fromkeys([*PARTS, "bullet", "urdf"], SHOWN)
 
 
