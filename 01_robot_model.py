@@ -1,9 +1,5 @@
 """Stage 1: what is the robot, and what does physics do with it?
 
-Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
-II-a, a simulated biped with position-controlled joints; the robot is [6]. Numbers of sections and
-references are the paper's. `tests/course/ledger.md` leads from each part of it to the code.
-
     python 01_robot_model.py             2-D (pymunk), 5 seconds
     python 01_robot_model.py --mujoco    3-D (MuJoCo), 5 seconds
 
@@ -37,6 +33,10 @@ Read down to the line of equals signs, "the end of a first reading". Below it ar
 
 Left out: all sensors but those of the joints and the IMU (inertial measurement unit), gear play,
 arms and head (their mass is in the torso). Only the soles can touch anything.
+
+Paper ("Learning Footstep Planning using Deep Reinforcement Learning for Dynamic Walking"): section
+II-a, a simulated biped with position-controlled joints; the robot is [6]. Numbers of sections and
+references are the paper's. `tests/course/ledger.md` leads from each part of it to the code.
 
 [6] Bestmann et al., 2021: Wolfgang-OP: A Robust Humanoid Robot Platform.
 """

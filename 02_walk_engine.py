@@ -7,7 +7,7 @@ As in the paper the walk engine is that of [5]: the swing foot and the trunk mov
 splines, and inverse kinematics turns their poses into joint angles. We add three answers to what
 the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down where
 the robot leans, and steps that wait. (The paper mentions only the last, as future work.) In 2-D the
-last two gain nothing in walks to a goal, so they are off.
+last two are off when the robot walks to a goal.
 
 A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from

@@ -49,8 +49,8 @@ STEPS, QUICK_STEPS = 250_000, 60_000  # double steps; the paper: 1,000,000
 @dataclass(frozen=True)
 class PPOConfig:
     """The settings, each with its source: [P] the paper; [7]; [8] its default (where there is no
-    entropy bonus, value clipping, or stop at a large KL, either); [own] our choice (how:
-    results/README.md, *ladder*). In parentheses: the name in [8].
+    entropy bonus, value clipping, or stop at a large KL, either); [own] our choice (by some
+    twenty trainings). In parentheses: the name in [8].
     [7] Schulman et al., 2017: Proximal Policy Optimization Algorithms.
     [8] Raffin et al., 2021: Stable-Baselines3: Reliable Reinforcement Learning Implementations."""
 

@@ -89,10 +89,13 @@ def numbers():
     evaluation = common.read_json(RESULTS / "mujoco" / "evaluation.json")
     plane = common.read_json(RESULTS / "pymunk" / "evaluation.json")
     exact = {"noise": False, "goal_std_m": STD[True]}
+    search = {"reference": "search", "noise": True}
     fell = values(pick(evaluation["rows"], **exact), "fall")
     (random,) = rows("walk", "limits", map="1,000 random plans")
     (paper,), (tuned,) = rows("baseline", "paper"), rows("baseline", "baseline_tuned", chosen=True)
     calm = rows("seeds", "pooled", push=0.0, planner="baseline_tuned")
+    trained = rows("seeds", "seeds", push=0.0, planner="policy")
+    pushed = rows("seeds", "pooled", push=0.4)  # the policy comes last
     lead = {
         part: values(study("seeds", part)["over"], "ratio", push=0.0, other="baseline_tuned")
         for part in ("pooled", "seeds")
@@ -101,7 +104,7 @@ def numbers():
     times = np.array(values(first, "time_mean"))
     op3 = rows("transfer", "op3", push=0.0)
     return {
-        "by.hand": [22, 2, 87, 100, 10.9, 2.9, 12, 10],  # in no file
+        "by.hand": [22, 36, 2, 87, 100, 10.9, 2.9],  # in no file
         "task.goals": [STD.values(), PER_SET, task.in_a_row, 100 * task.success_m]
         + [np.degrees(task.success_rad), task.time_limit],
         "task.impulse": [0.4, 0.4 * robot_model.RobotModel().torso.mass],
@@ -114,7 +117,11 @@ def numbers():
         "baseline.times": [paper["time"], tuned["time"]],
         "seeds.pooled": [lead["pooled"], *(sum(counts) for counts in falls(calm))],
         "seeds.trainings": lead["seeds"],
-        "seeds.pushed": values(rows("seeds", "pooled", push=0.4, planner="policy"), "fall"),
+        "seeds.falls": [*(sum(counts) for counts in falls(trained)), *map(sum, falls(calm))],
+        "seeds.pushed": falls(pushed),
+        "seeds.lead": values(pushed[-1:], "over_baseline_tuned"),
+        "kicks.capture": falls(rows("kicks", "steps", push=0.6)),
+        "kicks.steps": falls(rows("kicks", "steps", push=0.4)),
         "seeds.far": [
             # From where on the policy is later, without pairs
             min(
@@ -135,6 +142,7 @@ def numbers():
             for name in seeds.FILTERS
         ],
         "ladder.walk": values(rows("ladder", "walk", world="random floors and bodies"), "fall"),
+        "evaluation.search": np.divide(1, values(evaluation["ratios"], "time_ratio", **search)),
         "ladder.first": [times / times[0], 6.35 / 11.43, falls(first), 3],  # the paper's Table II
         "transfer": [falls(op3), op3[0]["over_baseline_scaled"], 100, 2],  # of PyBullet; degrees
     }

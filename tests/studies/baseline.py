@@ -173,10 +173,13 @@ COLUMNS = {
 def plot(found, sim):
     """Draws time over falls, without pushes and with them: what speed costs."""
     figure, panels = common.subplots(1, 2, figsize=(9, 4), sharey=True)
-    titles = {"fall": "near and far, % of 2,000 walks", "pushed": "far, pushed, % of 1,000 walks"}
+    titles = {
+        "fall": "2,000 walks, near and far",
+        "pushed": f"1,000 far ones, pushed by {PUSH} m/s",
+    }
     for axes, (key, title), most in zip(panels, titles.items(), (MAX_FALLS, MAX_PUSHED)):
         axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
-        axes.set(xlabel=f"falls: {title}", title=f"dashed: the rule's limit, {100 * most} %")
+        axes.set(title=title, xlabel="falls [%]; dashed: the most that the rule allows")
         for part, marker in SHOWN.items():
             for row in found[part]["rows"] if part in found else ():
                 # Hollow: it breaks the rule. Large: it was chosen.

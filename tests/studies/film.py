@@ -66,6 +66,7 @@ def planners(sim):
                 right.plot(more, at, "o", color=color)
                 right.text(min(max(ends) + 0.4, 12.5), at, f"+{more:.0f} %", va="center")
     right.axvline(0, color="k")
+    right.set_title("one network, 500 goals each")
     left.legend(left.containers[:2], ("near goals", "far goals"), loc="center right")
     left.set_yticks(range(y + 1), common.WHAT)
     left.invert_yaxis()
@@ -108,7 +109,7 @@ def double_step(sim):
             look = {"arrowprops": {"arrowstyle": "<-"}, "ha": "center", "va": "center"}
             axes.annotate(letter, support[:2], tip, **look)
         arrow = {"arrowstyle": "->", "color": color}
-        axes.annotate("", landing[:2], feet[side][:2], arrowprops=arrow)
+        axes.annotate("", landing[:2], usual[:2], arrowprops=arrow)
         axes.plot(*usual[:2], "k+", ms=10)
         step = "{:+.2f} m, {:+.2f} m, {:+.2f} rad".format(*FOOTSTEPS[0, side])
         axes.set_title(f"the {name} foot, off its usual place:\n({step})", color=color)

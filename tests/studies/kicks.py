@@ -95,7 +95,7 @@ ANSWERS = {  # what answers a push: settings of the walk
     "without capture steps": {"capture": 0.0},
     "without waiting": {"wait": 0.0},
     "reflex alone": {"capture": 0.0, "wait": 0.0},
-    "open loop": common.NO_ANSWERS,
+    "no answer": common.NO_ANSWERS,
 }
 CASES = (  # push, far goals?, sets of 500 goals
     (0.4, True, 4),
@@ -174,18 +174,6 @@ def plot(found, sim):
 
 
 PICTURES = {"kicks": ("steps", plot)}
-
-
-def answers_table(rows):
-    """The table of results/README.md of the answers to a push, from the rows of `steps`."""
-    lines = []
-    for answer in ANSWERS:
-        lines.append({"answer": answer})
-        for push in (0.4, 0.6):
-            (row,) = pick(rows, push=push, answer=answer)
-            lines[-1][f"falls at {push} m/s"] = f"{row['falls']:,} of {row['episodes']:,}"
-            lines[-1][f"time at {push} m/s"] = common.cell(row, "time_over_all", 2)
-    return common.table(lines, dict.fromkeys(lines[0], 0))
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
     python tests/studies/seeds.py [--mujoco] [--only PART] [--out FOLDER]
 
 distances: the policy and its two best opponents, 0 to 6 m from the goal.
-pooled: the same three planners on evaluation seeds 210 to 219. They were used once, after everything had
-been chosen; a new training should take those from 230 on.
+pooled: the same three planners on evaluation seeds 210 to 219. They were used after everything had been
+chosen, 210 twice; a new training should take those from 230 on.
 seeds: all trainings and their opponents, on evaluation seed 210. Both parts also push the robot on
 its way to far goals. The trainings must be there, made by
 `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. baseline.py chooses the
@@ -166,10 +166,17 @@ END = {
 COLUMNS = {
     "distances": {"distance": 2, ("time_mean", "planner"): 2, ("falls", "planner"): 0},
     "seeds": {**START, "seed": 0, **END},
+    "all trainings": {"goal_std_m": 1, "push": 1, "other": 0, "ratio": 3},
     "pooled": START | END,
     "estimate": {"filter": 0, "from_step": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }
+
+
+def table(found):
+    """The tables, and what all trainings together tell."""
+    together = {"rows": found["seeds"]["over"]} if "seeds" in found else {"rows": []}
+    return common.sections(found | {"all trainings": together}, COLUMNS)
 
 
 def plot(found, sim):
