@@ -40,11 +40,13 @@ def loop(sim):
         axes.text(x, 1.7, name, weight="bold", size="large", ha="center")
         axes.text(x, 1.5, what, ha="center", va="top")
         axes.annotate("", (x - 0.4, 1), (x - 0.6, 1), arrowprops={"arrowstyle": "->"})
-    axes.plot([x + 0.42, x + 0.6, x + 0.6, -0.6, -0.6], [1, 1, -0.3, -0.3, 1], "k", lw=1)
+    axes.plot([x + 0.42, x + 0.6, x + 0.6, -0.6, -0.6], [1, 1, -0.6, -0.6, 1], "k", lw=1)
+    axes.plot([x, x, 2, 2], [0, -0.2, -0.2, 0], "k^-", lw=1, markevery=[3])
+    axes.text(3, -0.5, "how it leans: every 10 ms", ha="center")
     period = walk_engine.WalkEngine(1, walk_engine.TUNED[sim]).period
     below = f"where the robot is now: a decision every double step, {period:.1f} s"
-    axes.text(2, -0.7, below, ha="center")
-    axes.axis((-0.7, 4.7, -0.9, 2.1))
+    axes.text(2, -0.95, below, ha="center")
+    axes.axis((-0.7, 4.7, -1.1, 2.1))
     axes.set_axis_off()
     return figure
 

@@ -154,7 +154,7 @@ COLUMNS = {
     "steps": {"push": 1, "goal_std_m": 1, "answer": 0, "falls": 0, "episodes": 0}
     | {"time_over_all": 3, "only_theirs": 0, "only_ours": 0},
     "unanswered": {"push": 1, "goal_std_m": 1, "walk": 0, "falls": 0, "episodes": 0}
-    | {"time_mean": 2, "time_over_all": 3, "only_ours": 0, "only_theirs": 0},
+    | {"time_mean": 2},
 }
 
 

@@ -253,7 +253,7 @@ def cut_off_is_end(model, optimizer, data, cfg):
 PENDULUM = {  # what differs from stage 4 on a task without a robot
     "complete": {},
     "no critic (V = 0)": {"make_model": NoCritic},
-    "a cut-off taken for an end": {"improve": cut_off_is_end},
+    "a time-out taken for an end": {"improve": cut_off_is_end},
     "no clipping (ε = ∞)": {"clip": 1e9},
     "λ = 0": {"lam": 0.0},
 }

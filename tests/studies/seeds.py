@@ -10,7 +10,7 @@ its way to far goals. The trainings must be there, made by
 `python 04_ppo.py --mujoco --seed 0 --out results/mujoco/seeds/0` and so on. baseline.py chooses the
 one to ship.
 estimate: how large are the errors of the estimated goal, and how large are those that the filter
-claims? Also for a simpler filter.
+claims?
 """
 
 from itertools import product
@@ -99,15 +99,9 @@ def study_pooled(args):
 class Watched(env.FootstepWorld):
     """Stores for every view the squared errors, the claimed variances, distance and double steps."""
 
-    def __init__(self, *args, independent, **settings):
+    def __init__(self, *args, **settings):
         super().__init__(*args, **settings)
-        self.independent = independent  # does its filter ignore how the errors of x, y, yaw relate?
         self.seen = []
-
-    def measure(self, robots):
-        if self.independent:
-            self.covariance[robots] *= np.eye(3)
-        super().measure(robots)
 
     def view(self, robots):
         view, goal = super().view(robots), self.relative_goal(robots)
@@ -119,29 +113,23 @@ class Watched(env.FootstepWorld):
         return view
 
 
-FILTERS = {  # name: settings; drift: how far the filter expects a double step to be off
-    "filter of stage 3": {"independent": False},
-    "simpler filter": {"independent": True, "drift": (0.009, 0.009, 0.05)},
-}
 RINGS = (0.0, 0.1, 0.3, 0.7, 1.5, np.inf)  # [m] distances of the goal
-AXES = {"x": "m", "y": "m", "yaw": "rad"}
+AXES = "x", "y", "yaw"
 
 
 def study_estimate(args):
     """Rows, by distance: the root mean square error, and its ratio to what the filter claims; of all
     measurements, and of those after the second double step (the first ones are surer)."""
-    policy, rows = common.shipped(args.sim), []
-    for name, settings in FILTERS.items():
-        world = common.world(args.sim, Watched, **settings)
-        common.walks(policy, world, far=True)
-        squares = np.concatenate(world.seen)  # [K, 8]
-        for steps, (first, last) in product((0, 2), zip(RINGS, RINGS[1:])):
-            ring = (squares[:, 6] >= first) & (squares[:, 6] < last) & (squares[:, 7] >= steps)
-            error, claimed = np.sqrt(squares[ring, :6].mean(0)).reshape(2, 3)
-            row = {"filter": name, "from_step": steps, "from_m": first}
-            for axis, e, c in zip(AXES, error, claimed):
-                row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
-            rows.append(row)
+    world, rows = common.world(args.sim, Watched), []
+    common.walks(common.shipped(args.sim), world, far=True)
+    squares = np.concatenate(world.seen)  # [K, 8]
+    for steps, (first, last) in product((0, 2), zip(RINGS, RINGS[1:])):
+        ring = (squares[:, 6] >= first) & (squares[:, 6] < last) & (squares[:, 7] >= steps)
+        error, claimed = np.sqrt(squares[ring, :6].mean(0)).reshape(2, 3)
+        row = {"from_step": steps, "from_m": first}
+        for axis, e, c in zip(AXES, error, claimed):
+            row |= {f"{axis}_error": e, f"{axis}_ratio": e / c}
+        rows.append(row)
     return rows
 
 
@@ -168,7 +156,7 @@ COLUMNS = {
     "seeds": {**START, "seed": 0, **END},
     "all trainings": {"goal_std_m": 1, "push": 1, "other": 0, "ratio": 3},
     "pooled": START | END,
-    "estimate": {"filter": 0, "from_step": 0, "from_m": 1}
+    "estimate": {"from_step": 0, "from_m": 1}
     | {f"{axis}_{key}": 3 for axis in AXES for key in ("error", "ratio")},
 }
 
