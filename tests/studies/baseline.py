@@ -2,7 +2,7 @@
 
     python tests/studies/baseline.py [--mujoco] [--only PART] [--out FOLDER]
 
-paper: the paper's baseline, with which the others are compared.
+paper: the paper's baseline, with which the others are compared; what sharing sidesteps brings.
 baseline_tuned: the same controller, but both feet share its steps.
 expert: `tests/studies/expert.py`.
 policy: the trained policies on the same walks. baseline.png shows times and falls of all.
@@ -15,6 +15,8 @@ pushes on the 1,000 far ones. If the one with the fewest points of the contest b
 the fewest points is taken; so is the policy to be shipped. If none keeps it, *still there* does not
 count; if none falls so seldom, all of them count.
 """
+
+from dataclasses import replace
 
 import common
 import expert
@@ -130,8 +132,12 @@ def searched(args, planner_of, now):
 
 
 def study_paper(args):
-    """The row of the paper's settings."""
-    return [final(common.world(args.sim), evaluate.BaselinePlanner())]
+    """The row of the paper's settings, and of ours if both feet do not share sidesteps."""
+    alone = replace(evaluate.TUNED_BASELINE[args.sim], share=False)
+    tried = {"the team's": evaluate.BaselineSettings(), "ours, not shared": alone}
+    world = common.world(args.sim)
+    planners = {name: evaluate.BaselinePlanner(settings) for name, settings in tried.items()}
+    return [{"settings": name} | final(world, planners[name]) for name in planners]
 
 
 def study_tuned(args):
@@ -163,7 +169,7 @@ SHOWN = {"expert": "s", "policy": "o", "baseline_tuned": "^"}  # markers in the 
 
 FACTS = {"fall": 4, "pushed": 3, "time": 2, "still_near": 3, "still_far": 3, "chosen": 0}
 COLUMNS = {
-    "paper": FACTS,
+    "paper": {"settings": 0, **FACTS},
     "baseline_tuned": {"search": 0, **FACTS},
     "expert": {"search": 0, **FACTS},
     "policy": {"seed": 0, **FACTS},

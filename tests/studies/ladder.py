@@ -294,7 +294,7 @@ COLUMNS = {
     | {"time_over_all": 3, "per_seed": 0},
     "walk": {"world": 0, "walk": 0, "episodes": 0, "falls": 0, "time_mean": 2, "points": 1},
     "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
-    "falls on the first rung": {"how": 0, "planner": 0, "falls": 0, "falls of baseline_tuned": 0}
+    "falls on the first rung": {"planner": 0, "falls": 0, "falls of baseline_tuned": 0}
     | {"only_ours": 0, "only_theirs": 0, "p": 4},
 }
 
@@ -322,12 +322,12 @@ def falls_there(rows):
     """On the first rung, in the same worlds: in how many walks the robot falls with each training and
     with `baseline_tuned`, and McNemar's exact test. (A training is not a sample of walks, so there
     is no test of all together.)"""
-    lines = []
-    for row in common.pick(rows, rung=[*RUNGS][0]):
-        known = common.pick(rows, rung=row["rung"], how=row["how"], planner="baseline_tuned")
-        if row["planner"].startswith("policy") and known and "fell" in row:
+    first, lines = common.pick(rows, rung=[*RUNGS][0], in_a_row=1), []
+    known = common.pick(first, planner="baseline_tuned")
+    for row in first if known else ():
+        if row["planner"].startswith("policy"):
             fell = (np.isin(range(row["episodes"]), each["fell"]) for each in (row, known[0]))
-            line = {"how": row["how"], "planner": row["planner"], "falls": row["falls"]}
+            line = {"planner": row["planner"], "falls": row["falls"]}
             line["falls of baseline_tuned"] = known[0]["falls"]
             lines.append(line | evaluate.mcnemar(*fell))
     return lines

@@ -334,7 +334,7 @@ PARTS = {"limits": study_limits, "tune": study_tune, "speeds": study_speeds}
 
 
 COLUMNS = {
-    "tune": {"search": 0, "points": 2, "falls": 0} | dict.fromkeys(["trunk_swing", *SEARCH], 3),
+    "tune": {"search": 0, "points": 2, "falls": 0},
     "limits": {"map": 0, "fall_inside": 2, "fall_anywhere": 2} | dict.fromkeys(CLEARANCE, 1),
 }
 
