@@ -41,8 +41,8 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "all of them. With no answer, not even the reflex, it falls most often.",
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
-    "ladder.rungs": "From the paper's system (above) to ours (below); a point is one training. See on which rung "
-    "the time halves, and how far `baseline` gets if it is only tuned. (Not measured: our learning alone.)",
+    "ladder.rungs": "From the paper's system (above) to ours (below), 500 near goals with noise; a point is one "
+    "training. See how far `baseline` gets if it is only tuned. (Not measured: our learning alone.)",
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, "
     "and where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
