@@ -45,8 +45,8 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "training. See how far `baseline` gets if it is only tuned. (Not measured: our learning alone.)",
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, "
     "and where it ends.",
-    "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each mean. Above "
-    "0 the policy is quicker.",
+    "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each difference (without "
+    "pairs, so too wide). Above 0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
     "the step limits. They were chosen so that most cells inside are white; in the corners some robots "
     "fall. (The yaw is drawn to the smaller of its two limits, since both feet turn alike.)",

@@ -171,12 +171,12 @@ def plot(found, sim):
     """Draws how much later than the policy the others arrive, over the distance of the goal."""
     rows = found["distances"]["rows"]
     figure, axes = common.subplots(figsize=(9, 4.5))
-    policy = np.array(values(rows, "time_mean", planner="policy"))
+    policy, spread = (values(rows, key, planner="policy") for key in ("time_mean", "time_std"))
     for name in dict.fromkeys(values(rows, "planner")):
         own, color = pick(rows, planner=name), common.COLORS[name]
-        later = values(own, "time_mean") - policy
-        bars = 1.96 * np.array(values(own, "time_std")) / GOALS**0.5
-        axes.errorbar(DISTANCES, later, bars, marker="o", color=color)
+        later = np.subtract(values(own, "time_mean"), policy)
+        bars = 1.96 * np.hypot(values(own, "time_std"), spread) / GOALS**0.5
+        axes.errorbar(DISTANCES, later, bars * (name != "policy"), marker="o", color=color)
         axes.text(DISTANCES[-1] + 0.1, later[-1], name, color=color, va="center")
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
     axes.set_xlim(-0.1, 7.5)
