@@ -1,6 +1,6 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-Paper: section II a, b, d, e. We lack its Table I and Fig. 2, so the formulas of the rewards and the
+Paper: section II a, b, d, e. We lack its Table I and Fig. 2, so formulas of rewards and the
 encoding of the observation are ours. An action is a double step. Two in a row must end at the goal;
 in the paper one is enough.
 
