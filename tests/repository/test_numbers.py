@@ -146,9 +146,9 @@ def numbers():
         "ladder.first": [
             times / times[0],
             times[2:].mean() / times[0],
-            6.35 / 11.43,
+            6.35 / 11.43,  # the paper's Table II
             falls(first),
-        ],  # the paper's Table II
+        ],
         "transfer": [falls(op3), op3[0]["over_baseline_scaled"], 100, 2],  # of PyBullet; degrees
     }
 

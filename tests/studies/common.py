@@ -4,9 +4,9 @@
 
 A study is a file with DURATION, PARTS (functions that measure something and return rows of plain
 numbers, or a dict with `rows` and more; some ONLY_3D), COLUMNS of a table for each part or `table` (Markdown of all
-numbers), and mostly PICTURES (of which part, and what draws them). It writes NAME.json, NAME.md and pictures. A part is written as soon as
-it is finished; --only measures one part again. What the numbers say is written by hand into the
-pages; `test_numbers.py` compares its numbers.
+numbers), and mostly PICTURES (of which part, and what draws them). It writes NAME.json, NAME.md and
+pictures. A part is written as soon as it is finished; --only measures one part again. What the
+numbers say is written by hand into the pages; `test_numbers.py` compares its numbers.
 """
 
 import itertools
@@ -42,7 +42,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
     "ladder.rungs": "From the paper's system (above) to ours (below), 500 near goals with noise; a point is one "
-    "training. See how far `baseline` gets if it is only tuned. (Not measured: our learning alone.)",
+    "training. See how far `baseline` gets if it is only tuned. (Not measured: our learning alone. Our task: commit b097353.)",
     "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, "
     "and where it ends.",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each difference (without "

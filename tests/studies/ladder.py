@@ -3,7 +3,7 @@
     python tests/studies/ladder.py --mujoco [--only PART [--rung NAME]] [--out FOLDER]
 
 walk: the walk of the rungs that have no answers to a lean, searched for without them. (Only in 3-D.)
-rungs: from the paper's system to ours in three changes, with three trainings each. (`RUNGS`; only
+rungs: from the paper's system to ours in three changes, three trainings on each rung. (`RUNGS`; only
 in 3-D.) With --rung only this one is measured; of the others the file keeps what it has.
 without: our system without one part of the learning at a time.
 
