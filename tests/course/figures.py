@@ -26,7 +26,11 @@ def chain(panel):
     places, turns = robot_model.link_frames(ROBOT, *POSE)
     places, frames = places[0, 6:, ::2], turns[0, 6:, ::2, ::2]  # along x and z
     panel.set_ylim(-0.02, 0.46)
-    names = "thigh, turned by hip pitch", "shin, turned by the knee", "foot, turned by ankle pitch"
+    names = (
+        "thigh l₁, turned by hip pitch q₁",
+        "shin l₂, turned by the knee q₂",
+        "foot, turned by ankle pitch",
+    )
     for place, frame, name in zip(places, frames, names):
         panel.text(0.14, place[1], name)
         for letter, axis in zip("xz", frame.T):
@@ -43,6 +47,8 @@ def forces(floor):
     floor.plot([toe, x, x, toe], [0, z, 0, 0], "ko-")
     floor.text(x - 0.04, z / 2, "h")
     floor.text(toe / 2, -0.04, "d")
+    middle = (toe + x) / 2, z / 2
+    floor.annotate("floor's\nforce", middle, (toe + 0.04, z / 2), arrowprops={"arrowstyle": "-"})
     floor.annotate("F", (x, z), (x + 0.25, z), arrowprops=ARROW, va="center")
     floor.set_xlim(right=1)
     speed = torch.tensor([0, ROBOT.speed_limit[2]])

@@ -97,12 +97,8 @@ def double_step(sim):
         usual = robot_model.compose(support, engine.beside[side])
         allowed = robot_model.compose(usual, corners * walk_engine.MIRROR[side])
         axes.fill(*allowed.T[:2], fc="0.93", ec="0.6", ls="--", zorder=0)
-        axes.text(
-            *np.average(allowed, 0, [1, 1, 6, 6])[:2],
-            "ankle may land here",
-            color="0.4",
-            ha="center",
-        )
+        middle = np.average(allowed[:, :2], 0, [1, 1, 5, 5])
+        axes.text(*middle, "ankle may\nland here", color="0.4", ha="center", va="center")
         draw_sole(axes, feet[side], side, fc="none", ls=":")
         draw_sole(axes, landing, side, fc=color, alpha=0.4)
         draw_sole(axes, support, 1 - side, fc=robot_model.COLORS[1 - side], alpha=0.8)
@@ -125,9 +121,9 @@ PICTURES = loop, planners, double_step
 
 # ------------------------------------------------------------------------ film
 def walk(axes, planner, sim, name):
-    """Lets a robot walk to a goal without noise, until it arrives or falls, and yields after every
-    picture."""
-    world = common.world(sim, PushedWorld, num_robots=1, noise=False)
+    """Lets a robot walk to a goal without noise, for 9 s at most, and yields after every picture."""
+    task = env.Task(time_limit=9.0)
+    world = common.world(sim, PushedWorld, num_robots=1, noise=False, task=task)
     world.reset([0], [env.stream("evaluation", 0, 0)])
     world.set_goal([0], evaluate.FIGURE_GOALS[0])
     planner.reset(1)
@@ -136,19 +132,19 @@ def walk(axes, planner, sim, name):
         for result in pictures(axes, world, planner, feet, (0, 0), name, WINDOW):
             yield result
         on_its_way = not (result["success"] | result["fall"] | result["timeout"])[0]
-    if result["success"][0]:
-        axes.set_title(f"{name}\narrived: {result['time'][0]:.1f} s")
+    arrived = f"arrived: {result['time'][0]:.1f} s" if result["success"][0] else "not arrived"
+    axes.set_title(f"{name}\n{arrived}")
+    yield from 12 * [result]  # so the end stays in sight for a second
 
 
 def training(panels, sim):
-    """Lets a robot walk to one goal with three policies, side by side: every second picture of 9 s at
-    most."""
+    """Lets a robot walk to one goal with three policies, side by side: every second picture."""
     films = []
     for axes, name in zip(panels, ("film/1,024.pt", "film/25,600.pt", "policy.pt")):
         model, about = ppo.load_policy(RESULTS / sim / name)
         how = f"{about['steps']:,} double steps of training"
         films.append(walk(axes, evaluate.PolicyPlanner(model), sim, how))
-    return islice(zip_longest(*films), 0, 112, 2)
+    return islice(zip_longest(*films), 0, None, 2)
 
 
 def save(figure, film, path):

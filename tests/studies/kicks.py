@@ -92,6 +92,7 @@ def study_worlds(args):
 
 ANSWERS = {  # what answers a push: settings of the walk
     "all": {},
+    "without the reflex": {"reflex": 0.0},
     "without capture steps": {"capture": 0.0},
     "without waiting": {"wait": 0.0},
     "reflex alone": {"capture": 0.0, "wait": 0.0},

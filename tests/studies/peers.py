@@ -5,14 +5,15 @@
 
 `Footsteps` is our vector environment as a VecEnv of Stable-Baselines3: all robots walk in one call. (One
 robot an environment, as `gymnasium.make` gives it, takes six times as long.) Its PPO trains with the
-settings of stage 4, but with a Gaussian policy, because it has no Beta policy. The figure shows its
-curve beside ours.
+settings of stage 4, but with a Gaussian policy, because it has no Beta policy. Both learn with three
+seeds, for as long as the trainings of `ladder.py`, which ours are.
 """
 
 import common
 import gymnasium as gym
+import ladder
 import numpy as np
-from common import RESULTS, env, ppo, robot_model, values
+from common import env, ppo, robot_model
 
 try:
     from stable_baselines3 import PPO
@@ -22,7 +23,7 @@ except ImportError:  # said when a training starts
     PPO, VecEnv, BaseCallback = None, object, object
 
 TICKS = 4, 6, 10, 20, 40, 100  # [s]
-DURATION = "15 minutes on one core; 3-D: 30 minutes"
+DURATION = "on one core: 25 minutes; 3-D: two hours"
 CFG = ppo.PPOConfig()
 
 
@@ -73,8 +74,8 @@ class Log(BaseCallback):
         return True
 
     def _on_rollout_end(self):
-        time = np.mean(self.times) if self.times else None
-        self.rows.append({"steps": self.num_timesteps, "time": time})
+        if self.times:
+            self.rows.append({"steps": self.num_timesteps, "time": np.mean(self.times)})
         self.times = []
 
 
@@ -122,11 +123,20 @@ def train(sim, seed, steps):
 
 
 def study_training(args):
-    """Rows of both policies, and the log of the other training."""
-    model, log = train(args.sim, args.seed, ppo.STEPS)
-    planners = {"Stable-Baselines3": Planner(model), "ours": common.shipped(args.sim)}
+    """Rows of all policies, and how long the walks took in each training."""
+    planners, logs = {}, []
+    for seed in range(3):
+        model, log = train(args.sim, seed, ladder.STEPS[args.sim])
+        ours = ladder.learn(args.sim, "without nothing", seed)
+        planners |= {f"Stable-Baselines3, seed {seed}": Planner(model), f"ours, seed {seed}": ours}
+        path = common.work(args.sim, "ladder", f"without nothing_{seed}") / "learning_curve.csv"
+        curve = np.genfromtxt(path, delimiter=",", names=True)
+        arrived = curve[curve["time"] == curve["time"]]  # before, it is nan
+        for name, rows in {"Stable-Baselines3": log, "ours": arrived}.items():
+            curve = {key: [row[key] for row in rows] for key in ("steps", "time")}
+            logs.append({"learner": name, "seed": seed} | curve)
     near, far = (common.measured(args.sim, planners, far, 1, 140, {}) for far in common.STD)
-    return {"rows": near + far, "log": log}
+    return {"rows": near + far, "logs": logs}
 
 
 PARTS = {"training": study_training}
@@ -135,18 +145,20 @@ COLUMNS = {"training": {"planner": 0, "goal_std_m": 1, "success": 4, "fall": 4, 
 
 def plot(found, sim):
     """How the time to the goal falls."""
-    ours = np.genfromtxt(RESULTS / sim / "learning_curve.csv", delimiter=",", names=True)
-    log = found["training"]["log"]
-    theirs = {key: np.array(values(log, key), float) for key in ("steps", "time")}  # None: nan
     figure, axes = common.subplots(figsize=(8, 4))
-    for name, curve in {"ours": ours, "Stable-Baselines3": theirs}.items():
-        axes.plot(curve["steps"] / 1000, curve["time"], label=name)
+    for name, color in {"ours": "purple", "Stable-Baselines3": "k"}.items():
+        for log in common.pick(found["training"]["logs"], learner=name):
+            (line,) = axes.plot(np.divide(log["steps"], 1000), log["time"], color)
+        line.set_label(name)
     axes.set(xlabel="double steps [thousands]", ylabel="time to the goal [s]", yscale="log")
     axes.set_yticks(TICKS, TICKS)
     axes.minorticks_off()
     axes.set_title(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
     axes.legend(loc="upper right")
     return figure
+
+
+PICTURES = {"peers": ("training", plot)}
 
 
 if __name__ == "__main__":

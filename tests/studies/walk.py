@@ -345,7 +345,7 @@ def plot(found, sim):
     for axis, (title, (label, second, steps)) in zip(axes, MAPS.items()):
         (row,) = common.pick(found["limits"]["rows"], map=title)
         image = axis.pcolormesh(X, second, row["falls"], cmap="Greys", vmin=0, vmax=1)
-        fine, other = (np.linspace(v[0], v[-1], 300) for v in (X, second))
+        fine, other = (np.linspace(1.5 * v[0] - 0.5 * v[1], v[-1], 300) for v in (X, second))
         inside = allowed(cells(steps, fine, other), env.LIMITS[sim])
         axis.contour(fine, other, inside, [0.5], colors="tab:green", linewidths=2)
         axis.grid(False)
