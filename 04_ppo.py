@@ -16,7 +16,7 @@ written out, so that every equation has a line to point at:
         (4) log how the episodes ended                                `episode_means`
 
     python 04_ppo.py                 250,000 double steps: 9 minutes, in 3-D (`--mujoco`) 22
-    python 04_ppo.py --quick         60,000, in two minutes, into runs/<sim>/quick/
+    python 04_ppo.py --quick         60,000: 2 to 6 minutes, into runs/<sim>/quick/
     python 04_ppo.py --gamma 0.9     another setting: fields of `PPOConfig` are flags
     python 04_ppo.py --robot my.py   another robot: ROBOT, WALK, LIMITS of your file
 
