@@ -124,7 +124,7 @@ class RobotModel:
     foot_outward: float = 0.015  # [m] centre of the sole outside the ankle axis
     sole_height: float = 0.020  # [m] thickness of the plate that touches the ground; our choice
     # Motors of one leg, in the order of JOINTS.
-    torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at standstill
+    torque_limit: tuple = (10.0, 10.0, 10.0, 12.9, 10.0, 10.0)  # [N m] at rest, before friction
     # [rad] The knee's are rounded. Those of the rolls are common to both legs.
     joint_min: tuple = (-1.57, -1.6, -2.74, -0.49, -1.42, -1.4)
     joint_max: tuple = (1.57, 1.6, 0.82, 2.51, 0.37, 1.4)
@@ -228,7 +228,7 @@ def stance(robot, planar=False, height=0.395, foot_distance=0.18, pitch=0.1, x_o
 
 def fallen(torso, standing_height):
     """Which poses are falls ([5] of stage 2), [...] bool: the torso [..., 6] is below half its
-    standing height, or tilted beyond 45°."""
+    standing height, or its z axis is more than 45° from the vertical."""
     cos_tilt = np.cos(torso[..., 3]) * np.cos(torso[..., 4])
     return (torso[..., 2] < 0.5 * standing_height) | (cos_tilt < math.cos(math.pi / 4))
 
@@ -406,8 +406,8 @@ class Disturbance:
         return cls(np.zeros((*shape, 2)), np.zeros((*shape, 4)))
 
 
-# Who calls whom in a double step? Stage 2 plans it for n robots; `run` below belongs to the robot,
-# and in every tick asks the plan, for the k robots whose plan is not done:
+# Who calls whom in a double step (a step with each foot)? Stage 2 plans it for n robots (engine,
+# plan, capture_step, reflex). `run` below asks the plan in every tick, for the k that are not done:
 #
 #     engine.plan(footsteps [n, 2, 3])  ──►  plan: trunk [n, T + 1, 6], feet [n, T + 1, 2, 4]
 #
@@ -529,8 +529,8 @@ def leg_xml(robot, leg, side):
 def mujoco_xml(robot, height=0):
     """The robot in MJCF; height [m]: where the torso is while its z is 0, as a viewer begins. Each
     motor is a position servo (it drives its joint to a target angle) with a torque-speed line:
-        τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇
-    <position> makes the first term, the joint's damping is the second one.
+        τ = clip(stiffness·(target − q), ±torque limit) − damping·q̇ − stiction·sign(q̇)
+    <position> makes the first term, the joint's damping and frictionloss are the others.
 
     elliptic: the friction cone is round, so friction is equal in all directions. MuJoCo's own
         choice, a pyramid, is 1.3 times faster and lets feet skate between the axes.

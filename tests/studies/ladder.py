@@ -162,37 +162,15 @@ def tuned_for(world):
     return {"settings": np.exp(x), "curve": curve}
 
 
-def search_open_loop():
-    """The walk that a search without answers and pushes ends at, and a row for each generation."""
+def study_walk(args):
+    """The walk that a search without answers and pushes ends at (OPEN_LOOP), and a row for each
+    generation. `kicks.py` lets it walk."""
     start = replace(WALK, **common.NO_ANSWERS)
     world = common.world("mujoco", num_robots=1, walk=start)
     # step_ticks stays, so that double steps take equally long on all rungs.
     fixed = *common.NO_ANSWERS, "usual_lean", "fade", "step_ticks"
     found, curve = walk.tune(world, 0, fixed, count=2 * walk.WALKS, pushes=(0.0,))
-    return {"walk": vars(found), "curve": curve}
-
-
-def study_walk(args):
-    """The walk in open loop, searched for like TUNED but without pushes, beside TUNED with its answers
-    and without; in walks of their own with `baseline_tuned`, in random worlds and in the model's."""
-    folder = common.work(args.sim, "ladder", "walk")
-    searched = kept(folder / "search.json", search_open_loop)
-    found = walk_engine.WalkParameters(**searched["walk"])
-    walks = WALKS | {"searched without answers": found}
-    worlds = {"random floors and bodies": env.Spread(), "as the model": AS_MODEL}
-    rows = []
-    for (title, spread), (name, parameters) in product(worlds.items(), walks.items()):
-        settings = {"walk": parameters, "spread": spread}
-        row = kept(folder / f"{title} {name}.json", walked_calmly, args.sim, settings)
-        rows.append({"world": title, "walk": name, **row})
-    return {"rows": rows, "parameters": searched["walk"], "curve": searched["curve"]}
-
-
-def walked_calmly(sim, settings):
-    """The row of `baseline_tuned` in 500 near and 500 far walks of the tuning stream."""
-    planner = evaluate.BaselinePlanner(evaluate.TUNED_BASELINE[sim])
-    ended = common.near_and_far(planner, common.world(sim, **settings), purpose="tuning")
-    return common.row_of(ended, "baseline_tuned") | {"points": walk.points(ended)}
+    return {"parameters": vars(found), "curve": curve}
 
 
 def judged(sim, name, make_planner, in_a_row, task, **own):
@@ -292,7 +270,6 @@ COLUMNS = {
     "pendulum": {"learner": 0, "return": 1, "worst": 1, "best": 1},
     "without": {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
     | {"time_over_all": 3, "per_seed": 0},
-    "walk": {"world": 0, "walk": 0, "episodes": 0, "falls": 0, "time_mean": 2, "points": 1},
     "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
     "falls on the first rung": {"planner": 0, "falls": 0, "falls of baseline_tuned": 0}
     | {"only_ours": 0, "only_theirs": 0, "p": 4},
@@ -334,7 +311,7 @@ def falls_there(rows):
 
 
 def table(found):
-    """The learners on Pendulum, what PPO needs, the walk in open loop, and the rungs."""
+    """The learners on Pendulum, what PPO needs, and the rungs."""
     found = dict(found)
     if "pendulum" in found:
         lines = []
