@@ -139,8 +139,8 @@ def gae(rewards, values, next_values, terminated, truncated, gamma, lam):
 
 
 def clipped_objective(ratio, advantage, clip):
-    """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s). PPO uses a sample several
-    times while the policy moves on, so the sample is weighted by ρ. Once ρ has moved far enough in
+    """What PPO maximises, for each sample; ratio ρ = π(a|s) / π_old(a|s). The samples come from
+    π_old while π moves on, so ρ weighs them: Σ π_old·ρ·A = Σ π·A. Once ρ has moved far enough in
     the good direction there is nothing more to gain: for A > 0 the objective is flat where
     ρ > 1 + ε, for A < 0 where ρ < 1 − ε. A ρ that has moved the other way keeps its gradient, which
     brings it back. Hence the minimum. (ε is no bound: other samples move π, too, and ρ with it.)"""
@@ -219,7 +219,7 @@ def episode_means(infos):
             ended, final = info["_episode"], info["final_info"]
             found["return"].extend(info["episode"]["r"][ended])
             if "success" in final:  # other environments report no outcome
-                for name in ("success", "fall", "timeout"):
+                for name in "success", "fall", "timeout":
                     found[name].extend(final[name][ended])
                 found["time"].extend(final["time"][ended & final["success"]])
     return {name: float(np.mean(values or [np.nan])) for name, values in found.items()}
@@ -342,8 +342,8 @@ class ActorCritic(nn.Module):
         # 0.99) and this concentration: m = 1 / (1 + e⁻ˣ) (sigmoid), c − 2 = ln(1 + eˣ) (softplus).
         mode = torch.as_tensor(first_action, dtype=torch.float32, device="cpu")
         mode = mode.expand(act_dim).clamp(0.01, 0.99)
-        c_minus_2 = torch.full_like(mode, concentration - 2.0)
-        self.actor[-1].bias.data = torch.cat([mode.logit(), c_minus_2.expm1().log()])
+        y = torch.full_like(mode, concentration - 2.0)  # x = ln(eʸ − 1) = y + ln(1 − e⁻ʸ)
+        self.actor[-1].bias.data = torch.cat([mode.logit(), y + (1 - (-y).exp()).log()])
 
     def value(self, obs):
         """The critic's V(s): [..., obs] -> [...]."""
@@ -413,7 +413,7 @@ def fingerprint(world):
 
 def save_policy(path, model, **about):
     """Writes the model and `about`. The name of the weights says what the actor's outputs mean."""
-    stored = {**as_json(about | model.sizes), "mode_and_concentration": model.state_dict()}
+    stored = as_json(about | model.sizes) | {"mode_and_concentration": model.state_dict()}
     robot_model.atomic_write(path, lambda file: torch.save(stored, file))
 
 
@@ -485,7 +485,7 @@ def main(argv=None):
     add("--steps", type=int, help=f"Train for so many double steps (default {STEPS:,}).")
     add("--quick", action="store_true")
     add("--robot", type=Path, help="Train this robot. (The filter's DRIFT stays that of ours.)")
-    usual = vars(PPOConfig()).copy()
+    usual = vars(PPOConfig())
     del usual["hidden"]
     for name, value in usual.items():
         flags = sorted({f"--{name}", f"--{name.replace('_', '-')}"})
@@ -500,7 +500,7 @@ def main(argv=None):
             parser.error(f"--{name} from {low} to {high}, not {value}")
     cfg = PPOConfig(**{name: getattr(args, name) for name in usual})
     own = env.robot_settings(args.robot, args.sim) if args.robot else {}
-    out = robot_model.output_folder(args, "quick" if args.quick else "")
+    out = robot_model.output_folder(args, "quick" * args.quick)
     print(
         f"training on {args.sim}: {args.steps:,} steps or a few more, seed {args.seed}, in {out}\n"
         "(Ctrl-C stops it; checkpoint.pt is the policy so far)"

@@ -148,7 +148,7 @@ def test_the_decision_is_the_mode():
 
 # of all numbers, or of each
 @pytest.mark.parametrize("first", [0.3, [0.05, 0.5, 0.95], [0.0, 1.0, 0.5]], ids=str)
-@pytest.mark.parametrize("concentration", [10.0, 3.0, 50.0])
+@pytest.mark.parametrize("concentration", [10.0, 3.0, 200.0])
 def test_first_policy_is_around_first_action(first, concentration):
     torch.manual_seed(0)
     model = ActorCritic(4, 3, first_action=first, concentration=concentration)
