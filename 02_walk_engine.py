@@ -3,11 +3,11 @@
     python 02_walk_engine.py             walks and pushes in 2-D; 4 seconds
     python 02_walk_engine.py --mujoco    the same in 3-D
 
-As in the paper the walk engine is that of [5]: the swing foot and the trunk move along quintic
-splines, and inverse kinematics turns their poses into joint angles. We add three answers to what
-the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down where
-the robot leans, and steps that wait. (The paper mentions only the last, as future work.) In 2-D the
-last two are off when the robot walks to a goal.
+The swing foot and the trunk move along quintic splines, and inverse kinematics turns their poses
+into joint angles: the paper's engine [5]. A push would topple this walk, so we add three answers to
+what the IMU measures (`WalkPlan`): a reflex of the ankles, capture steps, which put a foot down
+where the robot leans, and steps that wait. (The paper mentions only the last, as future work.) In
+2-D the last two are off when the robot walks to a goal.
 
 A double step is a swing of the left foot and then one of the right, about 0.3 s each: see
 `results/mujoco/double_step.png`. A footstep (x, y, yaw) says where the swing foot lands, seen from

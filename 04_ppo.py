@@ -1,8 +1,6 @@
 """Stage 4: how does the robot learn which footsteps to take? By trying, with PPO.
 
-Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable), trained with the PPO (proximal policy optimization) of Stable-Baselines3. Here it is
-written out, so that every equation has a line to point at:
+PPO (proximal policy optimization), written out so that every equation has a line to point at:
 
     networks: the policy π (actor) and the value V (critic)           `ActorCritic`
     repeat until all double steps are taken, here 245 times:          `train`
@@ -24,6 +22,8 @@ The goal is measured with noise. The stage writes checkpoint.pt, the policy so f
 and at the end policy.pt and learning_curve.png (`plot_learning_curve` says what is normal).
 
 Read down to the line of equals signs. Left out: recurrent policies, GPUs, normalised observations.
+Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
+variable); it used the PPO of Stable-Baselines3.
 """
 
 import json

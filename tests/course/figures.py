@@ -8,6 +8,7 @@ Their numbers come from the model of the robot, the settings, and the shipped po
 import sys
 from pathlib import Path
 
+import numpy as np
 import torch
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "studies"))
@@ -25,16 +26,18 @@ def chain(panel):
     robot_model.draw_robots(panel, ROBOT, *POSE, SIDE)
     places, turns = robot_model.link_frames(ROBOT, *POSE)
     places, frames = places[0, 6:, ::2], turns[0, 6:, ::2, ::2]  # along x and z
-    panel.set_ylim(-0.02, 0.46)
-    names = (
-        "thigh l₁, turned by hip pitch q₁",
-        "shin l₂, turned by the knee q₂",
-        "foot, turned by ankle pitch",
-    )
-    for place, frame, name in zip(places, frames, names):
-        panel.text(0.14, place[1], name)
+    panel.axis((-0.3, 0.4, -0.02, 0.46))
+    angles = np.cumsum([0, *POSE[1][0, 8:10]])  # of the vertical, the thigh, the shin
+    for k, (place, frame) in enumerate(zip(places, frames)):
         for letter, axis in zip("xz", frame.T):
             panel.annotate(letter, place, place + 0.07 * axis, arrowprops=ARROW)
+        if k < 2:
+            swept = np.linspace(*angles[k : k + 2], 31)
+            arc = -np.column_stack([np.sin(swept), np.cos(swept)])
+            panel.plot(*(place + 0.1 * arc).T, "k")
+            panel.plot(*np.transpose([place, place + 0.13 * arc[0]]), "k--")
+            panel.text(*(place + 0.12 * arc[15]), "q" + "₁₂"[k], ha="center")
+            panel.text(*(places[k : k + 2].mean(0) - [0.07, 0]), "l" + "₁₂"[k])
 
 
 def forces(floor):
@@ -48,7 +51,8 @@ def forces(floor):
     floor.text(x - 0.04, z / 2, "h")
     floor.text(toe / 2, -0.04, "d")
     middle = (toe + x) / 2, z / 2
-    floor.annotate("floor's\nforce", middle, (toe + 0.04, z / 2), arrowprops={"arrowstyle": "-"})
+    floor.annotate("", middle, (toe, 0), arrowprops={"arrowstyle": "-|>", "lw": 2})
+    floor.text(toe + 0.02, z / 2, "floor's\nforce")
     floor.annotate("F", (x, z), (x + 0.25, z), arrowprops=ARROW, va="center")
     floor.set_xlim(right=1)
     speed = torch.tensor([0, ROBOT.speed_limit[2]])

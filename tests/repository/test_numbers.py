@@ -86,7 +86,6 @@ def numbers():
     task = env.Task()
     _, policy = ppo.load_policy(RESULTS / "mujoco" / "policy.pt")
     evaluation = common.read_json(RESULTS / "mujoco" / "evaluation.json")
-    plane = common.read_json(RESULTS / "pymunk" / "evaluation.json")
     exact = {"noise": False, "goal_std_m": STD[True]}
     search = {"reference": "search", "noise": True}
     fell = values(pick(evaluation["rows"], **exact), "fall")
@@ -104,14 +103,11 @@ def numbers():
     times = np.array(values(first, "time_mean"))
     op3 = rows("transfer", "op3", push=0.0)
     return {
-        "by.hand": [22, 38, 2, 87, 100, 10.9, 2.9],  # in no file
+        "by.hand": [22, 38, 2, 13, 100],  # in no file
         "task.goals": [STD.values(), PER_SET, task.in_a_row, 100 * task.success_m]
         + [np.degrees(task.success_rad), task.time_limit],
         "task.impulse": [0.4, 0.4 * robot_model.RobotModel().torso.mass],
         "training": [1024, 25_600, policy["steps"]],
-        "evaluation.plane": values(
-            plane["ratios"], "time_ratio", noise=True, goal_std_m=STD[False]
-        ),
         "evaluation.exact": [PER_SET, np.multiply(PER_SET, fell)],
         "walk.limits": [random["fall_inside"], random["clearance, median [mm]"]],
         "baseline.times": [*values(rows("baseline", "paper"), "time"), tuned["time"]],

@@ -380,8 +380,8 @@ def plot_searches(found, sim):
             own = pick(curve, restart=restart)
             steps = np.array(values(own, "steps")) / 1000
             axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
-        axes.set(title=f"searches: {part}", xlabel="double steps [thousands]")
-    panels[0, 0].set_ylabel("points, the best so far [s]")
+        axes.set(title=f"searches: {part}", xlabel="double steps [thousands]", xlim=(0, None))
+    panels[0, 0].set_ylabel("time and price of falls, the best so far [s]")
     return figure
 
 

@@ -134,7 +134,7 @@ def walk(axes, planner, sim, name):
         on_its_way = not (result["success"] | result["fall"] | result["timeout"])[0]
     arrived = f"arrived: {result['time'][0]:.1f} s" if result["success"][0] else "not arrived"
     axes.set_title(f"{name}\n{arrived}")
-    yield from 12 * [result]  # so the end stays in sight for a second
+    yield from 48 * [result]  # so the end stays in sight for two seconds
 
 
 def training(panels, sim):

@@ -350,7 +350,7 @@ def plot(found, sim):
         axis.contour(fine, other, inside, [0.5], colors="tab:green", linewidths=2)
         axis.grid(False)
         axis.set(title=title, xlabel="x of the steps [m]", ylabel=label)
-    figure.colorbar(image, ax=axes, label="share of falls in 8 double steps")
+    figure.colorbar(image, ax=axes, label="share of eight robots that fall")
     return figure
 
 
