@@ -341,23 +341,16 @@ def plot(found, sim):
 
 
 def plot_rungs(found, sim):
-    """The mean times on every rung, by our rule of a success; text: the first trainings."""
+    """The mean times on every rung, by our rule of a success; text: the mean of the trainings."""
     figure, axes = common.subplots(figsize=(9, 3.4))
-    looks = {
-        "baseline": "k|",
-        "baseline_tuned": "kD",
-        "policy 0": "mo",
-        "policy 1": "m*",
-        "policy 2": "m^",
-    }
-    for name, look in looks.items():
-        own = common.pick(found["rungs"]["rows"], planner=name, in_a_row=2)
+    rows = common.pick(found["rungs"]["rows"], in_a_row=2)
+    for name, look in {"baseline": "k|", "baseline_tuned": "kD", "policy": "mo"}.items():
+        own = [row for row in rows if row["planner"].rstrip(" 012") == name]
         times, rungs = values(own, "time_mean"), values(own, "rung")
         axes.plot(times, rungs, look, label=name, fillstyle="none", ms=9, mew=2)
-        for time, rung in zip(times, rungs) if name == "policy 0" else ():
-            axes.annotate(
-                f"{time:.1f}", (time, rung), (0, 6), textcoords="offset points", ha="center"
-            )
+    for row in common.pick(with_means(rows), planner="policies, mean"):
+        place = row["time_mean"], row["rung"]
+        axes.annotate(f"{place[0]:.1f}", place, (0, 8), textcoords="offset points", ha="center")
     axes.margins(y=0.1)
     axes.invert_yaxis()
     axes.set_xlim(0)
