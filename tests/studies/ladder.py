@@ -270,7 +270,8 @@ COLUMNS = {
     "pendulum": {"learner": 0, "return": 1, "worst": 1, "best": 1},
     "without": {"without": 0, "goal_std_m": 1, "falls": 0, "time_mean": 2}
     | {"time_over_all": 3, "per_seed": 0},
-    "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1},
+    "rungs": {"rung": 0, "planner": 0, ("time_mean", "how"): 2, ("falls", "how"): 1}
+    | {("still_there", "how"): 2},
     "falls on the first rung": {"planner": 0, "falls": 0, "falls of baseline_tuned": 0}
     | {"only_ours": 0, "only_theirs": 0, "p": 4},
 }
@@ -279,6 +280,9 @@ COLUMNS = {
 def last_returns(rows, name):
     """The mean of the last three returns of each training of a learner."""
     return [np.mean(returns[-3:]) for returns in values(rows, "return", learner=name)]
+
+
+MEANS = "time_mean", "falls", "still_there"
 
 
 def with_means(rows):
@@ -290,7 +294,7 @@ def with_means(rows):
         for how in dict.fromkeys(values(own, "how")):
             same = [row for row in common.pick(own, how=how) if row["planner"].startswith("policy")]
             if len(same) > 1:
-                means = {key: np.mean(values(same, key)) for key in ("time_mean", "falls")}
+                means = {key: np.mean(values(same, key)) for key in MEANS}
                 found.append({"rung": rung, "planner": "policies, mean", "how": how} | means)
     return found
 
