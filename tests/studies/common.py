@@ -149,6 +149,7 @@ HEADS = {
     "seed": "training seed",
     "distance": "distance [m]",
     "push": "push [m/s]",
+    "still_there": "still there",
     "time_over_all": "time ÷ that with all",
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
