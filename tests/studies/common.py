@@ -43,8 +43,8 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
     "ladder.rungs": "From the paper's system (above) to ours (below), 500 near goals with noise; a circle is one "
     "training, a number the mean of three. See how far `baseline` gets if it is only tuned, and what each rung brings.",
-    "peers": "One training with each learner, with the same settings. Compare how soon each curve bends, "
-    "and where it ends.",
+    "peers": "Three trainings with each learner, with the same settings, a quarter as long as the shipped one. "
+    "Can you tell the learners apart? (Where a line dips, few walks had arrived.)",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each difference (without "
     "pairs, so too wide). Above 0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
