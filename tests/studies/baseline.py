@@ -187,11 +187,15 @@ def plot(found, sim):
         axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
         axes.set(title=title, xlabel="falls [%]; dashed: the most that the rule allows")
         for part, marker in SHOWN.items():
+            axes.plot([], [], marker, color=common.COLORS[part], label=part)
             for row in found[part]["rows"] if part in found else ():
                 # Hollow: it breaks the rule. Large: it was chosen.
                 fill = "full" if keeps(row) else "none"
-                look = {"color": common.COLORS[part], "fillstyle": fill, "ms": 8}
-                look |= {"ms": 14, "label": part} if row["chosen"] else {}
+                look = {
+                    "color": common.COLORS[part],
+                    "fillstyle": fill,
+                    "ms": 14 if row["chosen"] else 8,
+                }
                 axes.plot(100 * row[key], row["time"], marker, **look)
     panels[0].set_ylabel("mean time, near and far [s]")
     panels[0].legend(loc="upper right")

@@ -66,7 +66,8 @@ def planners(sim):
                 more, *ends = (100 / x - 100 for x in (row["time_ratio"], *row["time_ratio_ci95"]))
                 right.plot(ends, [at, at], color, lw=3)
                 right.plot(more, at, "o", color=color)
-                right.text(min(max(ends) + 0.4, 12.5), at, f"+{more:.0f} %", va="center")
+                beyond = " →" * (more > 15)  # the end of the axis
+                right.text(min(max(ends) + 0.4, 12), at, f"+{more:.0f} %{beyond}", va="center")
     right.axvline(0, color="k")
     right.set_title("one network, 500 goals each")
     left.legend(left.containers[:2], ("near goals", "far goals"), loc="center right")
