@@ -151,6 +151,7 @@ HEADS = {
     "push": "push [m/s]",
     "still_there": "still there",
     "time_over_all": "time ÷ that with all",
+    "per_seed": "÷ that with all, by seed",
     "only_theirs": "falls avoided",
     "only_ours": "new falls",
 }

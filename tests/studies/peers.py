@@ -140,7 +140,7 @@ def study_training(args):
 
 
 PARTS = {"training": study_training}
-COLUMNS = {"training": {"planner": 0, "goal_std_m": 1, "success": 4, "fall": 4, "time_mean": 2}}
+COLUMNS = {"training": {"planner": 0, ("falls", "goal_std_m"): 0, ("time_mean", "goal_std_m"): 2}}
 
 
 def plot(found, sim):
