@@ -37,7 +37,7 @@ def chain(panel):
             panel.plot(*(place + 0.1 * arc).T, "k")
             panel.plot(*np.transpose([place, place + 0.13 * arc[0]]), "k--")
             panel.text(*(place + 0.12 * arc[15]), "q" + "₁₂"[k], ha="center")
-            panel.text(*(places[k : k + 2].mean(0) - [0.07, 0]), "l" + "₁₂"[k])
+            panel.text(*(places[k : k + 2].mean(0) - [0.085, 0]), "l" + "₁₂"[k])
 
 
 def forces(floor):

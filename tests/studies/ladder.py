@@ -348,10 +348,11 @@ def plot_rungs(found, sim):
     """The mean times on every rung, by our rule of a success; text: the mean of the trainings."""
     figure, axes = common.subplots(figsize=(9, 3.4))
     rows = common.pick(found["rungs"]["rows"], in_a_row=2)
-    for name, look in {"baseline": "k|", "baseline_tuned": "kD", "policy": "mo"}.items():
+    for name, look in {"baseline": "|", "baseline_tuned": "D", "policy": "o"}.items():
         own = [row for row in rows if row["planner"].rstrip(" 012") == name]
         times, rungs = values(own, "time_mean"), values(own, "rung")
-        axes.plot(times, rungs, look, label=name, fillstyle="none", ms=9, mew=2)
+        color = "purple" if name == "policy" else "k"
+        axes.plot(times, rungs, look, color=color, label=name, fillstyle="none", ms=9, mew=2)
     for row in common.pick(with_means(rows), planner="policies, mean"):
         place = row["time_mean"], row["rung"]
         axes.annotate(f"{place[0]:.1f}", place, (0, 8), textcoords="offset points", ha="center")

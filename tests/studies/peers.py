@@ -153,7 +153,7 @@ def plot(found, sim):
     axes.set(xlabel="double steps [thousands]", ylabel="time to the goal [s]", yscale="log")
     axes.set_yticks(TICKS, TICKS)
     axes.minorticks_off()
-    axes.set_title(f"PPO of stage 4 and of Stable-Baselines3, the same settings ({sim})")
+    axes.set_title("PPO of stage 4 and of Stable-Baselines3, the same settings")
     axes.legend(loc="upper right")
     return figure
 
