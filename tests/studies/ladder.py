@@ -27,7 +27,7 @@ sys.path.append(str(common.ROOT / "tests" / "course" / "starters"))
 import pendulum
 
 torch = ppo.torch
-DURATION = "on one core: without, 3-D: 100 minutes, 2-D: 70; walk: 25 minutes; rungs: 6 hours"
+DURATION = "on one core: without, 3-D: 100 minutes, 2-D: 90; walk: 25 minutes; rungs: 6 hours"
 STEPS = {"pymunk": 60_000, "mujoco": 125_000}  # double steps of a training
 SEEDS = {"pymunk": (0, 1, 2), "mujoco": (0,)}  # of `without`
 FIRST, SETS = 140, 2  # evaluation seeds: 1,000 near and 1,000 far goals of `without`
