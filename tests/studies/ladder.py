@@ -282,19 +282,16 @@ def last_returns(rows, name):
     return [np.mean(returns[-3:]) for returns in values(rows, "return", learner=name)]
 
 
-MEANS = "time_mean", "falls", "still_there"
-
-
 def with_means(rows):
     """The rows of the rungs, and behind several trainings of a rung their mean."""
-    found = []
+    found, shown = [], ("time_mean", "falls", "still_there")
     for rung in RUNGS:
         own = common.pick(rows, rung=rung)
         found += own
         for how in dict.fromkeys(values(own, "how")):
             same = [row for row in common.pick(own, how=how) if row["planner"].startswith("policy")]
             if len(same) > 1:
-                means = {key: np.mean(values(same, key)) for key in MEANS}
+                means = {key: np.mean(values(same, key)) for key in shown}
                 found.append({"rung": rung, "planner": "policies, mean", "how": how} | means)
     return found
 
