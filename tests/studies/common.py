@@ -381,8 +381,10 @@ def plot_searches(found, sim):
         for restart in dict.fromkeys(values(curve, "restart")):
             own = pick(curve, restart=restart)
             steps = np.array(values(own, "steps")) / 1000
-            axes.step(steps, np.minimum.accumulate(values(own, "mean")), "purple", where="post")
-        axes.set(title=f"searches: {part}", xlabel="double steps [thousands]", xlim=(0, None))
+            best = np.minimum.accumulate(values(own, "mean"))
+            axes.step(steps, best, where="post", label=f"search {restart + 1}")
+        axes.set(title=part, xlabel="double steps [thousands]", xlim=(0, None))
+        axes.legend()
     panels[0, 0].set_ylabel("time and price of falls, the best so far [s]")
     return figure
 
