@@ -101,6 +101,9 @@ def numbers():
     }
     first = rows("ladder", "rungs", rung="the paper's", in_a_row=1)
     times = np.array(values(first, "time_mean"))
+    unanswered = rows("ladder", "rungs", rung="our learning", in_a_row=1)[1:]  # without `baseline`
+    peers = common.read_json(RESULTS / "pymunk" / "studies" / "peers.json")["training"]["rows"]
+    peers = np.array(values(peers, "time_mean")).reshape(2, 3, 2)  # near and far, seed, learner
     op3 = rows("transfer", "op3", push=0.0)
     return {
         "by.hand": [22, 38, 2, 13, 100],  # in no file
@@ -137,7 +140,6 @@ def numbers():
         "seeds.estimate": max(
             max(row["x_ratio"], row["y_ratio"]) for row in rows("seeds", "estimate")
         ),
-        "kicks.unanswered": falls(rows("kicks", "unanswered", push=0.0, goal_std_m=1.0)),
         "evaluation.search": np.divide(1, values(evaluation["ratios"], "time_ratio", **search)),
         "ladder.first": [
             times / times[0],
@@ -145,6 +147,8 @@ def numbers():
             6.35 / 11.43,  # the paper's Table II
             falls(first),
         ],
+        "ladder.unanswered": [*map(sum, falls(unanswered))],
+        "peers": np.divide(*peers.mean(1).T),
         "transfer": [falls(op3), op3[0]["over_baseline_scaled"], 100, 2],  # of PyBullet; degrees
     }
 
