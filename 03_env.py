@@ -1,6 +1,6 @@
 """Stage 3: what does the robot observe, what may it do, and what is it rewarded for?
 
-An action is a double step. Two in a row must end at the goal; in the paper one is enough.
+An action is a double step. To arrive, two in a row must end at the goal (in the paper one).
 
     python 03_env.py             a random planner, then a hand-written one, in 2-D; 10 seconds
     python 03_env.py --mujoco    the same in 3-D
@@ -19,8 +19,8 @@ tell these two apart.
 interfaces of Gymnasium. Floor and body are random (`Spread`), and pushes if you ask for them. Noisy
 goals are estimated from all measurements so far (`predict`, `correct`).
 
-Paper: section II a, b, d, e. We lack its Table I and Fig. 2, so formulas of rewards and the
-encoding of the observation are ours. Read down to the line of equals signs.
+Paper: section II a, b, d, e. We never saw its Table I and Fig. 2, so formulas of rewards and
+the encoding of the observation are ours. Read down to the line of equals signs.
 """
 
 import runpy

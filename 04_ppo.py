@@ -18,8 +18,8 @@ PPO (proximal policy optimization), written out so that every equation has a lin
     python 04_ppo.py --gamma 0.9     another setting: fields of `PPOConfig` are flags
     python 04_ppo.py --robot my.py   another robot: ROBOT, WALK, LIMITS of your file
 
-The goal is measured with noise. The stage writes checkpoint.pt, the policy so far, to runs/<sim>/,
-and at the end policy.pt and learning_curve.png (`plot_learning_curve` says what is normal).
+Guess: after how many double steps do most walks arrive? To runs/<sim>/ go checkpoint.pt, the policy
+so far, and at the end policy.pt and learning_curve.png (`plot_learning_curve` says what is normal).
 
 Read down to the line of equals signs. Left out: recurrent policies, GPUs, normalised observations.
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action

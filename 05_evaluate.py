@@ -12,7 +12,7 @@ policy takes 56 % of the baseline's time, and falls about twice as often. Does o
     python 05_evaluate.py --jobs 1         one process, for pdb and cProfile (default in 3-D)
     python 05_evaluate.py --mujoco         all of this in 3-D
 
-It evaluates your policy, in `runs/<sim>/`, or else the shipped one, or what `--policy` names. To
+It evaluates what `--policy` names, or else your policy in `runs/<sim>/`, or else the shipped one. To
 `runs/<sim>/` go tables (with the times of successes), all trials, and two walks: footsteps.png.
 
 All planners meet the same goals, floors, bodies and pushes, and at their k-th decision the same

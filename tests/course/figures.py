@@ -58,7 +58,7 @@ def forces(floor):
     speed = torch.tensor([0, ROBOT.speed_limit[2]])
     motor = floor.inset_axes([0.6, 0.15, 0.4, 0.8])
     motor.plot(speed, ROBOT.torque_limit[2] - ROBOT.stiction[2] - ROBOT.damping[2] * speed)
-    motor.set(xlabel="speed of the joint [rad/s]", ylabel="torque of its motor [N m]")
+    motor.set(xlabel="speed of the joint [rad/s]", ylabel="torque of a hip's motor [N m]")
 
 
 def humps(panel):
@@ -83,14 +83,14 @@ def ends(panel):
     panel.plot(value + ppo.gae(rewards, value, value, over, over.flip(1), gamma, 1.0), "o-", lw=3)
     panel.text(1, -0.2, "terminated: V counts as 0")
     panel.text(1, -0.77, "truncated: V stands for the rest")
-    panel.set(xlabel="double step", ylabel="target of the critic")
+    panel.set(xlabel="double step", ylabel="target of the critic", ylim=(None, 0))
 
 
 def interval(panel):
     """Sixty intervals of the same rate, each from a hundred walks: how many miss it?"""
     for k, falls in enumerate(env.stream("evaluation", 28).binomial(100, 0.1, 60)):
         low, high = evaluate.wilson(falls, 100)
-        panel.vlines(k, low, high, "k" if low <= 0.1 <= high else "r", lw=3)
+        panel.vlines(k, low, high, "0.7" if low <= 0.1 <= high else "r", lw=3)
     panel.axhline(0.1)
     panel.set(xlabel="experiment", ylabel="share of falls")
 

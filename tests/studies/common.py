@@ -28,12 +28,17 @@ env = import_module("03_env")
 ppo = import_module("04_ppo")
 evaluate = import_module("05_evaluate")
 
-COLORS = {"policy": "tab:purple", "expert": "tab:brown", "baseline_tuned": "tab:olive"}  # figures
+COLORS = {  # figures
+    "policy": "tab:purple",
+    "expert": "tab:brown",
+    "baseline_tuned": "tab:olive",
+    "baseline": "k",
+}
 NO_ANSWERS = {"reflex": 0.0, "capture": 0.0, "wait": 0.0}  # a walk in open loop
 CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "baseline": "Near and far goals, 2,000 walks a mark, and 1,000 far ones with pushes. A full "
     "mark keeps the rule. A hollow one breaks it: too many falls, or too seldom *still there*. "
-    "Large: chosen. Whoever is quicker with as few falls is farther down.",
+    "Large: chosen; if none keeps the rule, the one with the fewest points. One triangle and one square are from before the searches.",
     "baseline.search": "Each line is a search: the least mean of a generation of 12 candidates so far. "
     "Points are seconds; falls and time-outs have a price.",
     "kicks": "Far walks of the policy with pushes every 3 s on average, black: 95 % intervals. (0.4 m/s is what a "
@@ -42,7 +47,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "ladder": "The learner of stage 4, and four learners that lack one part: the mean of five seeds, "
     "and its 95 % interval. The higher, the better: see how far below the green curve the others end.",
     "ladder.rungs": "From the paper's system (above) to ours (below), 500 near goals with noise; a circle is one "
-    "training, a number the mean of three. See how far `baseline` gets if it is only tuned, and what each rung brings.",
+    "training, a number the mean of three. See what each change brings, and how far `baseline` gets if it is only tuned.",
     "peers": "Three trainings with each learner, with the same settings, a quarter as long as the shipped one. "
     "Can you tell the learners apart? (Where a line dips, few walks had arrived.)",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each difference (without "
@@ -382,10 +387,12 @@ def plot_searches(found, sim):
             own = pick(curve, restart=restart)
             steps = np.array(values(own, "steps")) / 1000
             best = np.minimum.accumulate(values(own, "mean"))
-            axes.step(steps, best, where="post", label=f"search {restart + 1}")
-        axes.set(title=part, xlabel="double steps [thousands]", xlim=(0, None))
+            ls = ("-", "--", ":", "-.")[restart]
+            axes.step(steps, best, where="post", ls=ls, label=f"search {restart + 1}")
+        axes.set(xlabel="double steps [thousands]", xlim=(0, None))
+        axes.set_title(part if len(parts) > 1 else "")
         axes.legend()
-    panels[0, 0].set_ylabel("time and price of falls, the best so far [s]")
+    panels[0, 0].set_ylabel("points: time and price of falls [s], best so far")
     return figure
 
 

@@ -22,7 +22,7 @@ DURATION = "two minutes"
 WINDOW = -0.3, 1.35, -0.2, 0.9  # what the film shows, from left to right, from below to above [m]
 FOOTSTEPS = np.array([[[0.12, 0.05, 0.35], [0.1, 0.02, -0.1]]])  # of double_step.png [m, m, rad]
 LOOP = {  # from the goal to the robot's motion: which stage does what
-    "goal": "stage 3\n\nx, y, yaw\nmeasured\n5 cm, 3° off",
+    "goal": "stage 3\n\nx, y, yaw\nmeasured\n± 5 cm, ± 3°",
     "network": "stage 4\n\nchooses the\nnext two\nfootsteps",
     "walk engine": "stage 2\n\nturns them into\npaths of feet\nand trunk",
     "joints": "stage 1\n\n12 angles\nby inverse\nkinematics",
@@ -52,29 +52,25 @@ def loop(sim):
 
 
 def planners(sim):
-    """How long the robot takes with README's planners, and how much longer than with the policy."""
-    found = common.read_json(RESULTS / sim / "evaluation.json")
-    figure, (left, right) = common.subplots(1, 2, figsize=(9, 3.2), sharey=True)
-    for y, name in enumerate(common.WHAT):
-        rows = common.pick(found["rows"], planner=name, noise=True)
-        ratios = common.pick(found["ratios"], reference=name, noise=True)
-        for k, color in enumerate(("purple", "plum")):
-            at, time = y + 0.4 * k - 0.2, rows[k]["time_mean"]
-            left.barh(at, time, 0.4, color=color)
-            left.text(time + 0.3, at, f"{time:.1f}", va="center")
-            for row in ratios[k : k + 1]:  # of the policy itself there is none
-                more, *ends = (100 / x - 100 for x in (row["time_ratio"], *row["time_ratio_ci95"]))
-                right.plot(ends, [at, at], color, lw=3)
-                right.plot(more, at, "o", color=color)
-                beyond = " →" * (more > 15)  # the end of the axis
-                right.text(min(max(ends) + 0.4, 12), at, f"+{more:.0f} %{beyond}", va="center")
-    right.axvline(0, color="k")
-    right.set_title("one network, 500 goals each")
-    left.legend(left.containers[:2], ("near goals", "far goals"), loc="center right")
-    left.set_yticks(range(y + 1), common.WHAT)
-    left.invert_yaxis()
-    left.set(xlim=(0, 23), xlabel="mean time to the goal [s]")
-    right.set(xlim=(-1, 15), xlabel="longer than the policy [%]; line: 95 % interval")
+    """How much longer the robot takes with README's other planners than with the policy."""
+    ratios = common.read_json(RESULTS / sim / "evaluation.json")["ratios"]
+    figure, axes = common.subplots(figsize=(9, 2.8))
+    rivals = [name for name in common.WHAT if name != "policy"]
+    for y, name in enumerate(rivals):
+        rows, color = common.pick(ratios, reference=name, noise=True), common.COLORS[name]
+        for at, goals, row in zip((y - 0.15, y + 0.15), ("near", "far"), rows):
+            more, *ends = (100 / x - 100 for x in (row["time_ratio"], *row["time_ratio_ci95"]))
+            axes.plot(ends, [at, at], color, lw=3)
+            axes.plot(more, at, "o", color=color)
+            beyond = " →" * (more > 15)  # the end of the axis
+            axes.text(
+                min(max(ends) + 0.2, 12.5), at, f"{goals}: +{more:.0f} %{beyond}", va="center"
+            )
+    axes.axvline(0, color=common.COLORS["policy"], lw=2)
+    axes.set_yticks(range(len(rivals)), rivals)
+    axes.set_ylim(len(rivals) - 0.5, -0.5)
+    label = "time beyond that of one network, 500 goals each [%]; lines: 95 % intervals"
+    axes.set(xlim=(-0.5, 15), xlabel=label)
     return figure
 
 
@@ -110,7 +106,7 @@ def double_step(sim):
         arrow = {"arrowstyle": "->", "color": color}
         axes.annotate("", landing[:2], usual[:2], arrowprops=arrow)
         axes.plot(*usual[:2], "k+", ms=10)
-        step = "{:+.2f} m, {:+.2f} m, {:+.2f} rad".format(*FOOTSTEPS[0, side])
+        step = "{:+.2f} m, {:+.2f} m, {:+.2f} rad".format(*FOOTSTEPS[0, side]).replace("-", "−")
         axes.set_title(f"the {name} foot, off its usual place:\n({step})", color=color)
         axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
         feet[side] = landing

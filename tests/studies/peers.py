@@ -146,9 +146,9 @@ COLUMNS = {"training": {"planner": 0, ("falls", "goal_std_m"): 0, ("time_mean", 
 def plot(found, sim):
     """How the time to the goal falls."""
     figure, axes = common.subplots(figsize=(8, 4))
-    for name, color in {"ours": "purple", "Stable-Baselines3": "k"}.items():
+    for name, look in {"ours": "purple", "Stable-Baselines3": "k--"}.items():
         for log in common.pick(found["training"]["logs"], learner=name):
-            (line,) = axes.plot(np.divide(log["steps"], 1000), log["time"], color)
+            (line,) = axes.plot(np.divide(log["steps"], 1000), log["time"], look)
         line.set_label(name)
     axes.set(xlabel="double steps [thousands]", ylabel="time to the goal [s]", yscale="log")
     axes.set_yticks(TICKS, TICKS)

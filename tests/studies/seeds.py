@@ -180,6 +180,7 @@ def plot(found, sim):
         axes.text(DISTANCES[-1] + 0.1, later[-1], name, va="center")
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
     axes.set_xlim(-0.1, 7.5)
+    axes.set_xticks(range(7))
     return figure
 
 
