@@ -3,7 +3,7 @@
 Paper: section III, 500 goals with and without measurement noise (Table II, Fig. 3). With noise its
 policy takes 56 % of the baseline's time, and falls about twice as often. Does ours? Guess, then run
 
-    python 05_evaluate.py --noise          the paper's table and figure, with our robot: a minute
+    python 05_evaluate.py --noise          the paper's table and figure: 1 to 3 minutes
     python 05_evaluate.py --noise --far    also 500 goals twice as far, in a block of their own
     python 05_evaluate.py --friction 0.4   the same floor for all, instead of a random one
     python 05_evaluate.py --push 0.4       pushes by 0.4 m/s, every 3 s on average

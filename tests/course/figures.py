@@ -46,7 +46,7 @@ def forces(floor):
     robot_model.draw_robots(floor, ROBOT, *POSE, SIDE)
     x, _, z = robot_model.centre_of_mass(ROBOT, *POSE)[0]
     toe, width = ROBOT.foot_front, ROBOT.friction * z
-    floor.fill([toe, toe - width, toe + width], [0, z, z], "g", alpha=0.3)
+    floor.fill([toe, toe - width, toe + width], [0, z, z], "g", alpha=0.3, zorder=0)
     floor.plot([toe, x, x, toe], [0, z, 0, 0], "ko-")
     floor.text(x - 0.04, z / 2, "h")
     floor.text(toe / 2, -0.04, "d")

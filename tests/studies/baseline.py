@@ -180,8 +180,8 @@ def plot(found, sim):
     """Draws time over falls, without pushes and with them: what speed costs."""
     figure, panels = common.subplots(1, 2, figsize=(9, 4), sharey=True)
     titles = {
-        "fall": "2,000 walks, near and far",
-        "pushed": f"1,000 far ones, pushed by {PUSH} m/s",
+        "fall": "2,000 calm walks, near and far",
+        "pushed": f"x: falls of 1,000 far walks, pushed by {PUSH} m/s",
     }
     for axes, (key, title), most in zip(panels, titles.items(), (MAX_FALLS, MAX_PUSHED)):
         axes.axvline(100 * most, color="0.5", ls="--", zorder=0)
@@ -197,7 +197,7 @@ def plot(found, sim):
                     "ms": 14 if row["chosen"] else 8,
                 }
                 axes.plot(100 * row[key], row["time"], marker, **look)
-    panels[0].set_ylabel("mean time, near and far [s]")
+    panels[0].set_ylabel("mean time of the calm walks [s]")
     panels[0].legend(loc="upper right")
     return figure
 

@@ -49,7 +49,7 @@ CAPTIONS = {  # of the pictures: what to see, of how many walks, where to look
     "ladder.rungs": "From the paper's system (above) to ours (below), 500 near goals with noise; a circle is one "
     "training, a number the mean of three. See what each change brings, and how far `baseline` gets if it is only tuned.",
     "peers": "Three trainings with each learner, with the same settings, a quarter as long as the shipped one. "
-    "Can you tell the learners apart? (Where a line dips, few walks had arrived.)",
+    "Can you tell the learners apart? (At first only short walks have ended; where a line dips, few had arrived.)",
     "seeds": "Any direction and yaw, with noise, 200 walks a point, 95 % intervals of each difference (without "
     "pairs, so too wide). Above 0 the policy is quicker.",
     "walk": "Each cell: eight robots take eight double steps; the darker, the more of them fall. Green: "
@@ -379,7 +379,7 @@ def search(walked, cost, mean, spread, budget, seed, low=-np.inf, high=np.inf):
 
 def plot_searches(found, sim):
     """Draws for each search of every part the least mean points of a generation so far."""
-    parts = [part for part in found if "curve" in found[part]]
+    parts = sorted(part for part in found if "curve" in found[part])
     figure, panels = subplots(1, len(parts), figsize=(9, 4), sharey=True, squeeze=False)
     for axes, part in zip(panels[0], parts):
         curve = found[part]["curve"]

@@ -67,6 +67,7 @@ def planners(sim):
                 min(max(ends) + 0.2, 12.5), at, f"{goals}: +{more:.0f} %{beyond}", va="center"
             )
     axes.axvline(0, color=common.COLORS["policy"], lw=2)
+    axes.text(0.1, len(rivals) - 0.6, "policy", color=common.COLORS["policy"])
     axes.set_yticks(range(len(rivals)), rivals)
     axes.set_ylim(len(rivals) - 0.5, -0.5)
     label = "time beyond that of one network, 500 goals each [%]; lines: 95 % intervals"

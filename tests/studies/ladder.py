@@ -353,9 +353,11 @@ def plot_rungs(found, sim):
         own = [row for row in rows if row["planner"].rstrip(" 012") == name]
         times, rungs = values(own, "time_mean"), values(own, "rung")
         color = "purple" if name == "policy" else "k"
-        axes.plot(times, rungs, look, color=color, label=name, fillstyle="none", ms=9, mew=2)
+        below = 0.25 * (name == "baseline_tuned")  # else it hides the circles
+        heights = [[*RUNGS].index(rung) + below for rung in rungs]
+        axes.plot(times, heights, look, color=color, label=name, fillstyle="none", ms=9, mew=2)
     for row in common.pick(with_means(rows), planner="policies, mean"):
-        place = row["time_mean"], row["rung"]
+        place = row["time_mean"], [*RUNGS].index(row["rung"])
         axes.annotate(f"{place[0]:.1f}", place, (0, 8), textcoords="offset points", ha="center")
     axes.set_yticks(range(4), ["the paper's system", *(f"+ {rung}" for rung in [*RUNGS][1:])])
     axes.margins(y=0.1)
