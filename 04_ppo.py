@@ -23,7 +23,7 @@ so far, and at the end policy.pt and learning_curve.png (`plot_learning_curve` s
 
 Read down to the line of equals signs. Left out: recurrent policies, GPUs, normalised observations.
 Paper: section II, "Policy" (two hidden layers of 64 neurons, a Beta distribution for each action
-variable); it used the PPO of Stable-Baselines3.
+variable); its authors used Stable-Baselines3.
 """
 
 import json

@@ -176,7 +176,10 @@ def plot(found, sim):
         own, color = pick(rows, planner=name), common.COLORS[name]
         later = np.subtract(values(own, "time_mean"), policy)
         bars = 1.96 * np.hypot(values(own, "time_std"), spread) / GOALS**0.5
-        axes.errorbar(DISTANCES, later, bars * (name != "policy"), marker="o", color=color)
+        if name == "policy":
+            axes.plot(DISTANCES, later, color=color)
+        else:
+            axes.errorbar(DISTANCES, later, bars, marker="o", color=color)
         axes.text(DISTANCES[-1] + 0.1, later[-1], name, va="center")
     axes.set(xlabel="distance of the goal [m]", ylabel="mean time − that of the policy [s]")
     axes.set_xlim(-0.1, 7.5)
