@@ -15,8 +15,8 @@ its usual place beside the support foot; y and yaw are positive outward.
 
 The stage prints where four walks should end, and where they do. Which goes farthest astray? (A
 planner has to correct this.) Then it pushes twelve walking robots, each at another moment. How many
-fall without any answer, with the reflex, with both reflex and capture steps? Guess (`tests/course/predict.md`,
-*capture*), then look at `runs/<sim>/02_push.png`.
+fall without any answer, with the reflex, with both reflex and capture steps? Guess
+(`tests/course/predict.md`, *capture*), then look at `runs/<sim>/02_push.png`.
 
 Read down to the line of equals signs.
 

@@ -9,10 +9,10 @@ Predict, then look at what is printed (1) and at `runs/<sim>/03_rewards.png` (2)
 2. A measured x or y of the goal is off by 5 cm (standard deviation). How exact is an estimate from
    one measurement, from five, from ten, while the robot stands, and while it walks?
 
-A planner chooses actions (double steps); a policy is a learned planner. An episode is a walk. To
-arrive, two double steps in a row must end at the goal (in the paper one). At the goal or after a fall
-it is terminated. When only the time is up, it could go on: it is truncated. Stage 4 must tell these
-two apart.
+A planner chooses actions (double steps); a policy is a learned planner. To arrive, two double steps
+in a row must end at the goal (in the paper one). An episode is a walk. At the goal or after a fall it
+is terminated. When only the time is up, it could go on: it is truncated. Stage 4 must tell these two
+apart.
 
 `FootstepWorld` is the whole task for N robots; `FootstepVectorEnv` and `FootstepEnv` give it the
 interfaces of Gymnasium. Floor and body are random (`Spread`), and pushes if you ask for them. Noisy

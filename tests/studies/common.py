@@ -387,7 +387,7 @@ def plot_searches(found, sim):
             own = pick(curve, restart=restart)
             steps = np.array(values(own, "steps")) / 1000
             best = np.minimum.accumulate(values(own, "mean"))
-            ls = ("-", "--", ":", "-.")[restart]
+            ls = ("-", "--", ":", "-.")[restart % 4]
             axes.step(steps, best, where="post", ls=ls, label=f"search {restart + 1}")
         axes.set(xlabel="double steps [thousands]", xlim=(0, None))
         axes.set_title(part if len(parts) > 1 else "")

@@ -194,11 +194,12 @@ def rows_of_rung(sim, k, rung, settings):
     the first rung and on the last one also of `baseline_tuned`, searched there."""
     own = {name: value for name, value in settings.items() if name != "model"}
     planners = {"baseline": evaluate.BaselinePlanner}
-    if not k:
-        planners["baseline_tuned"] = partial(tuned_there, sim, **own)
-    if rung == "our task":
-        tuned = evaluate.TUNED_BASELINE[sim]
-        planners["baseline_tuned"] = partial(evaluate.BaselinePlanner, tuned)
+    tuned = {
+        "the paper's": partial(tuned_there, sim, **own),
+        "our task": partial(evaluate.BaselinePlanner, evaluate.TUNED_BASELINE[sim]),
+    }
+    if rung in tuned:
+        planners["baseline_tuned"] = tuned[rung]
     for seed in (0, 1, 2):
         planners[f"policy {seed}"] = partial(learn, sim, f"rung {k}", seed, **settings)
     folder, rows = common.work(sim, "ladder", "rungs"), []
@@ -359,7 +360,8 @@ def plot_rungs(found, sim):
     for row in common.pick(with_means(rows), planner="policies, mean"):
         place = row["time_mean"], [*RUNGS].index(row["rung"])
         axes.annotate(f"{place[0]:.1f}", place, (0, 8), textcoords="offset points", ha="center")
-    axes.set_yticks(range(4), ["the paper's system", *(f"+ {rung}" for rung in [*RUNGS][1:])])
+    names = ["the paper's system", *(f"+ {rung}" for rung in [*RUNGS][1:])]
+    axes.set_yticks(range(len(RUNGS)), names)
     axes.margins(y=0.1)
     axes.invert_yaxis()
     axes.set_xlim(0)
